@@ -1,0 +1,162 @@
+//! Stored integer ↔ physical value, each with its error bound.
+
+use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// Signed distance in 16 bits: `d = stored · d_max / 32766`; positive on the high-value side of the boundary.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DistanceQuantization {
+    /// Largest distance, in world units; positive and finite.
+    pub d_max: f32,
+}
+
+impl DistanceQuantization {
+    /// Stored for a voxel that meets no boundary within `d_max`.
+    pub const NO_BOUNDARY: i16 = i16::MIN;
+    /// Stored for a voxel whose stencil holds NaN or ±Inf.
+    pub const MASKED: i16 = i16::MIN + 1;
+    /// Largest stored magnitude.
+    pub const STEPS: i16 = i16::MAX - 1;
+
+    /// Largest difference between a distance within `±d_max` and what is read back, in world units.
+    #[must_use]
+    pub fn error_bound(&self) -> f32 {
+        0.5 * self.d_max / f32::from(Self::STEPS) * (1.0 + 1e-3)
+    }
+
+    /// The stored number for a distance; clamped to `±d_max`.
+    #[must_use]
+    pub fn encode(&self, distance: f32) -> i16 {
+        let steps = f32::from(Self::STEPS);
+        (distance / self.d_max * steps).round().clamp(-steps, steps) as i16
+    }
+
+    /// The distance, or `None` where there is no boundary or the voxel is masked.
+    #[must_use]
+    pub fn decode(&self, stored: i16) -> Option<f32> {
+        (stored >= -Self::STEPS).then(|| f32::from(stored) * (self.d_max / f32::from(Self::STEPS)))
+    }
+}
+
+/// Gradient magnitude at the hit in 16 bits: 0 for no hit, else `low + (stored − 1)/65534 · (high − low)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HitGradientQuantization {
+    /// Smallest magnitude at any hit.
+    pub low: f32,
+    /// Largest magnitude at any hit.
+    pub high: f32,
+}
+
+impl HitGradientQuantization {
+    const STEPS: f32 = 65534.0;
+
+    /// Largest difference between a magnitude within `low..=high` and what is read back.
+    #[must_use]
+    pub fn error_bound(&self) -> f32 {
+        0.5 * (self.high - self.low) / Self::STEPS + self.high * f32::EPSILON
+    }
+
+    /// The stored number for a magnitude; clamped to `low..=high`.
+    #[must_use]
+    pub fn encode(&self, magnitude: f32) -> u16 {
+        let extent = self.high - self.low;
+        let fraction = if extent > 0.0 { ((magnitude - self.low) / extent).clamp(0.0, 1.0) } else { 0.0 };
+        1 + (fraction * Self::STEPS).round() as u16
+    }
+
+    /// The magnitude, or `None` where there is no hit.
+    #[must_use]
+    pub fn decode(&self, stored: u16) -> Option<f32> {
+        let steps = f32::from(stored.checked_sub(1)?);
+        Some((self.high - self.low).mul_add(steps / Self::STEPS, self.low))
+    }
+}
+
+/// Stored for a voxel without a direction.
+pub const NO_NORMAL: u16 = 0x8080;
+
+/// Largest angle between a unit vector and what is read back, in radians (0.95°).
+pub const NORMAL_ERROR_BOUND: f32 = 0.0166;
+
+/// A unit vector as two signed bytes, x in the low byte, on the unfolded octahedron.
+///
+/// Source: Cigolle et al., "A survey of efficient representations for independent unit vectors", JCGT 3(2), 2014.
+#[must_use]
+pub fn encode_normal(normal: Vec3) -> u16 {
+    let sum = normal.abs().element_sum();
+    if !(sum > 0.0 && sum.is_finite()) {
+        return NO_NORMAL;
+    }
+    let flat = normal / sum;
+    let folded = if flat.z >= 0.0 { Vec2::new(flat.x, flat.y) } else { fold(flat.x, flat.y) };
+    let bytes = (folded * 127.0).round().clamp(Vec2::splat(-127.0), Vec2::splat(127.0));
+    u16::from_le_bytes([bytes.x as i8 as u8, bytes.y as i8 as u8])
+}
+
+/// The unit vector of [`encode_normal`], or `None` for [`NO_NORMAL`].
+#[must_use]
+pub fn decode_normal(stored: u16) -> Option<Vec3> {
+    if stored == NO_NORMAL {
+        return None;
+    }
+    let [x, y] = stored.to_le_bytes().map(|byte| f32::from(byte as i8) / 127.0);
+    let z = 1.0 - x.abs() - y.abs();
+    let flat = if z >= 0.0 { Vec2::new(x, y) } else { fold(x, y) };
+    Some(flat.extend(z).normalize())
+}
+
+/// Folds the lower half of the octahedron out to the square's corners, and back.
+fn fold(x: f32, y: f32) -> Vec2 {
+    Vec2::new((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn distance_keeps_signs_and_sentinels_apart() {
+        let quantization = DistanceQuantization { d_max: 15.0 };
+        assert_eq!(quantization.decode(DistanceQuantization::NO_BOUNDARY), None);
+        assert_eq!(quantization.decode(DistanceQuantization::MASKED), None);
+        for end in [-15.0, 0.0, 15.0] {
+            assert_eq!(quantization.decode(quantization.encode(end)), Some(end));
+        }
+    }
+
+    #[test]
+    fn equal_hits_survive() {
+        let quantization = HitGradientQuantization { low: 0.5, high: 0.5 };
+        assert_eq!(quantization.decode(quantization.encode(0.5)), Some(0.5));
+        assert_eq!(quantization.decode(0), None);
+    }
+
+    proptest! {
+        #[test]
+        fn distance_error_is_bounded(d_max in 1e-3_f32..1e3, fraction in -1.0_f32..=1.0) {
+            let quantization = DistanceQuantization { d_max };
+            let distance = fraction * d_max;
+            let back = quantization.decode(quantization.encode(distance)).expect("a distance");
+            prop_assert!((back - distance).abs() <= quantization.error_bound());
+        }
+
+        #[test]
+        fn hit_gradient_error_is_bounded(low in 0.0_f32..10.0, extent in 0.0_f32..1e6, fraction in 0.0_f32..=1.0) {
+            let quantization = HitGradientQuantization { low, high: low + extent };
+            let magnitude = (low + fraction * extent).min(quantization.high);
+            let back = quantization.decode(quantization.encode(magnitude)).expect("a magnitude");
+            prop_assert!((back - magnitude).abs() <= quantization.error_bound());
+        }
+
+        #[test]
+        fn normal_error_is_bounded(x in -1.0_f32..1.0, y in -1.0_f32..1.0, z in -1.0_f32..1.0) {
+            let vector = Vec3::new(x, y, z);
+            prop_assume!(vector.length() > 1e-3);
+            let normal = vector.normalize();
+            let back = decode_normal(encode_normal(normal)).expect("a direction");
+            prop_assert!(back.angle_between(normal) <= NORMAL_ERROR_BOUND);
+        }
+    }
+}
