@@ -1,9 +1,32 @@
 //! Computes voxel roles: where each voxel of a scalar volume stands relative to the nearest authentic boundary along its
 //! own gradient.
 
+pub mod bilateral;
+pub mod bisection;
+pub mod boundary;
+pub mod directional_derivative;
 pub mod error;
+pub mod fields;
+pub mod gaussian;
 pub mod grid;
 pub mod io;
+pub mod joint_histogram;
+pub mod noise;
+pub mod packing;
+pub mod phantom;
+pub mod plot;
+pub mod prepare;
+pub mod progress;
+pub mod raw_args;
+pub mod report;
+pub mod roles;
+pub mod sampler;
+pub mod settings;
+pub mod smoothing;
+pub mod stencil;
+pub mod working_field;
+pub mod zero_crossing;
 
 pub use error::{Error, Result};
 pub use grid::Grid;
+pub use prepare::prepare;

@@ -1,1 +1,122 @@
-//! Readers of volume files.
+//! Readers of volume files, all giving the same [`Grid`]; and the NRRD writer.
+
+mod header;
+mod metaimage;
+mod nifti;
+mod nrrd;
+mod nrrd_axes;
+pub mod nrrd_writer;
+mod payload;
+mod placement;
+pub mod raw;
+
+use std::ffi::OsStr;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use flate2::bufread::MultiGzDecoder;
+
+pub use raw::{ByteOrder, RawLayout, StoredType};
+
+use crate::{Error, Grid, Result};
+
+/// How much of a file's beginning decides what it is: a whole NIfTI-1 header, and DICOM's mark at byte 128.
+const PROBE_BYTES: usize = 352;
+
+/// What to say about a file that no reader knows.
+const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha) or NIfTI-1 (.nii, .nii.gz, .hdr with \
+.img); if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
+
+/// Reads a volume, finding the format by the file's content.
+///
+/// With `raw` the file is read as headerless numbers, whatever it looks like. Numbers keep their own type; world
+/// positions are in the file's unit, and in the frame left-posterior-superior wherever the file says what its axes mean.
+///
+/// # Errors
+/// [`Error::Io`] when the operating system refuses, [`Error::Format`] for a file of another kind or whose content is not
+/// what its format demands, [`Error::OutOfMemory`]. Each names the file, what was expected and what was found.
+pub fn read_volume(path: &Path, raw: Option<&RawLayout>) -> Result<Grid> {
+    if let Some(layout) = raw {
+        return raw::read(path, layout);
+    }
+    let start = probe(path)?;
+    if start.starts_with(b"NRRD0") {
+        return nrrd::read(path);
+    }
+    if nifti::is_header(&start) {
+        return nifti::read(path, false);
+    }
+    let has_extension = |extension: &str| {
+        path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension))
+    };
+    if (has_extension("mhd") || has_extension("mha")) && metaimage::is_header(&start) {
+        return metaimage::read(path);
+    }
+    if start.starts_with(&payload::GZIP_MAGIC) {
+        let (file, _) = payload::open(path)?;
+        let mut decoded = Vec::new();
+        // A damaged stream gives fewer bytes here and is reported in full by the reader that they point to.
+        let outcome = MultiGzDecoder::new(BufReader::new(file)).take(PROBE_BYTES as u64).read_to_end(&mut decoded);
+        if nifti::is_header(&decoded) {
+            return nifti::read(path, true);
+        }
+        let inside = outcome.err().map_or("is not NIfTI".into(), |error| format!("cannot be unpacked ({error})"));
+        return Err(Error::format(path, format!("found a gzip file whose content {inside}; {WAYS_OUT}")));
+    }
+    Err(Error::format(path, unreadable(&start)))
+}
+
+/// The file's first [`PROBE_BYTES`], or all of a shorter file.
+fn probe(path: &Path) -> Result<Vec<u8>> {
+    let (file, _) = payload::open(path)?;
+    let mut start = Vec::new();
+    file.take(PROBE_BYTES as u64).read_to_end(&mut start).map_err(Error::io(path))?;
+    Ok(start)
+}
+
+/// Why a file that begins with `start` cannot be read, and what to do about it.
+fn unreadable(start: &[u8]) -> String {
+    let convert = |kind: &str, tools: &str| {
+        format!("expected NRRD, MetaImage or NIfTI-1, found {kind}, which is not read yet: convert it first ({tools})")
+    };
+    let contains = |needle: &[u8]| start.windows(needle.len()).any(|window| window == needle);
+    if start.is_empty() {
+        return format!("found an empty file; {WAYS_OUT}");
+    }
+    if start.starts_with(&voxrole_pack::prologue::MAGIC) {
+        return "expected a volume to prepare, found an already packed file of voxel roles".into();
+    }
+    if start.get(128..132) == Some(b"DICM") {
+        return convert("DICOM", "for example with dcm2niix, or with 3D Slicer");
+    }
+    if contains(b"<VTKFile") {
+        return convert("VTK's XML image data (.vti)", "for example with ParaView, or with vtkMetaImageWriter");
+    }
+    if [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic)) {
+        return convert("TIFF", "for example with ImageJ/Fiji: Save As, Nrrd");
+    }
+    format!("found a file of no known kind; {WAYS_OUT}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unreadable_kinds_are_told_apart() {
+        let mut dicom = vec![0; 128];
+        dicom.extend_from_slice(b"DICM\x02\0");
+        for (start, expected) in [
+            (dicom.as_slice(), "DICOM"),
+            (b"<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">", ".vti"),
+            (b"II*\0\x08\0\0\0", "TIFF"),
+            (b"MM\0*\0\0\0\x08", "TIFF"),
+            (b"\x89VXR\r\n\x1a\n", "already packed file"),
+            (b"", "empty"),
+            (b"something else", "--dims X,Y,Z --dtype u16be"),
+        ] {
+            let message = unreadable(start);
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

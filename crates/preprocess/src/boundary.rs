@@ -1,0 +1,343 @@
+//! From a voxel to the boundary that decides its role.
+//!
+//! Along a ray in direction ±n the rise of the gradient magnitude is `q(t) = ±f''(x ± t·n)`, because f'' is the
+//! derivative of g along n. An authentic edge is where q falls from positive to negative: there g has a maximum, and f''
+//! goes from + to − in the direction of growing f, whichever way the ray runs. The opposite crossing is a minimum of g, a
+//! phantom edge, and is never a hit.
+
+use glam::Vec3;
+
+use crate::bisection::bisect;
+use crate::directional_derivative::{Derivatives, Stencils};
+use crate::sampler::{Ray, Sampler};
+use crate::settings::{Climb, Settings};
+use crate::working_field::{WorkingField, voxels};
+use crate::zero_crossing::CellDistances;
+
+/// Gradients up to this magnitude are rounding, not data: four units in the last place of the largest value, over L_min.
+///
+/// Working values are at most 1, so the threshold is relative to the data.
+pub const GRADIENT_FLOOR: f32 = 4.0 / (1 << 24) as f32;
+
+/// With steps above this share of L_min a ray could jump over a corner of a mixed cell unseen, so nothing is leapt over.
+const LARGEST_LEAPING_STEP: f32 = 0.9;
+
+/// Where a voxel stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Role {
+    /// A sample of its stencil is NaN or infinite.
+    Masked,
+    /// No boundary within `d_max` along its gradient, or no gradient.
+    Miss,
+    /// A boundary.
+    Hit(BoundaryHit),
+}
+
+/// The boundary of one voxel, in working units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundaryHit {
+    /// Distance to it in multiples of L_min, positive for a voxel on the high-value side.
+    pub distance: f32,
+    /// Gradient magnitude there.
+    pub gradient_magnitude: f32,
+    /// Value there.
+    pub value: f32,
+    /// n at the voxel, in grid axes.
+    pub normal: Vec3,
+}
+
+/// How much was done for a set of voxels; the same for any number of threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Voxels without a gradient above [`GRADIENT_FLOOR`].
+    pub flat: u64,
+    /// Voxels whose rays met no cell in which they could hit.
+    pub skipped: u64,
+    /// Voxels for which at least one sample was taken.
+    pub traced: u64,
+    /// Samples taken along rays, bisection included.
+    pub samples: u64,
+}
+
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.flat += other.flat;
+        self.skipped += other.skipped;
+        self.traced += other.traced;
+        self.samples += other.samples;
+    }
+}
+
+/// Finds the boundary of single voxels.
+pub struct Tracer<'a> {
+    values: &'a [f32],
+    gradient_magnitude: &'a [f32],
+    second_derivative: &'a [f32],
+    cells: Option<&'a CellDistances>,
+    stencils: Stencils,
+    sampler: Sampler,
+    dims: [usize; 3],
+    /// From a direction in units of L_min to voxels.
+    index_from_length: Vec3,
+    step: f32,
+    last_step: u32,
+    climb: Climb,
+}
+
+/// A ray, and the sign that makes f'' the rise of g along it.
+#[derive(Clone, Copy)]
+struct SignedRay {
+    ray: Ray,
+    sign: f32,
+}
+
+impl<'a> Tracer<'a> {
+    /// A tracer over a field and its (possibly smoothed) derivatives. `cells` are those of the same f''.
+    #[must_use]
+    pub fn new(
+        field: &'a WorkingField,
+        derivatives: &'a Derivatives,
+        cells: &'a CellDistances,
+        settings: &Settings,
+    ) -> Self {
+        let step = settings.step as f32;
+        let leaps = settings.skip && step <= LARGEST_LEAPING_STEP;
+        Self {
+            values: voxels(&field.values),
+            gradient_magnitude: voxels(&derivatives.gradient_magnitude),
+            second_derivative: voxels(&derivatives.second_derivative),
+            cells: leaps.then_some(cells),
+            stencils: Stencils::new(field),
+            sampler: Sampler::new(field.dims()),
+            dims: field.dims(),
+            index_from_length: Vec3::from_array(field.spacing.map(f32::recip)),
+            step,
+            // The last sample may lie at d_max itself.
+            last_step: (settings.d_max / settings.step * (1.0 + 1e-9)).floor() as u32,
+            climb: settings.climb,
+        }
+    }
+
+    /// The role of one voxel.
+    pub fn role(&self, voxel: [usize; 3], work: &mut Work) -> Role {
+        let index = (voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0];
+        let second = self.second_derivative[index];
+        if second.is_nan() {
+            return Role::Masked;
+        }
+        let gradient = self.stencils.gradient(self.values, voxel);
+        let magnitude = gradient.length();
+        if magnitude <= GRADIENT_FLOOR || self.gradient_magnitude[index] <= GRADIENT_FLOOR {
+            work.flat += 1;
+            return Role::Miss;
+        }
+        let normal = gradient / magnitude;
+        let up = SignedRay { ray: self.sampler.ray(voxel, normal * self.index_from_length), sign: 1.0 };
+        let down = SignedRay { ray: up.ray.reversed(), sign: -1.0 };
+        let before = work.samples;
+        let crossing = match self.climb {
+            Climb::Literal => self.literal(up, down, index, work),
+            Climb::Release => self.release(up, down, second, work),
+        };
+        *(if work.samples > before { &mut work.traced } else { &mut work.skipped }) += 1;
+        crossing.and_then(|t| self.hit(up, t, normal)).map_or(Role::Miss, Role::Hit)
+    }
+
+    /// Only a rise of g along the other ray stops a ray.
+    ///
+    /// Departs from the paper's wording, which stops a ray whose own samples of g fall: trilinear interpolation of a
+    /// concave g lies below the grid's values, so near the maximum both rays seem to fall at once, and a fifth of the
+    /// boundary's voxels would be lost. Which ray rises is read off f'' at the voxel itself, the derivative of g along n.
+    fn release(&self, up: SignedRay, down: SignedRay, second: f32, work: &mut Work) -> Option<f32> {
+        if second > 0.0 {
+            return self.climb_from(up, 0, work);
+        }
+        if second < 0.0 {
+            return self.climb_from(down, 0, work).map(|t| -t);
+        }
+        // f'' is exactly 0: on a plateau of f'', a maximum of g or a minimum.
+        let (first_up, first_down) = (self.leave_plateau(up, work), self.leave_plateau(down, work));
+        match (first_up, first_down) {
+            (Some((_, Rise::Falls(end))), Some((_, Rise::Falls(start)))) => Some(0.5 * (end - start)),
+            _ => {
+                let climbed = |first: Option<(u32, Rise)>, ray: SignedRay, work: &mut Work| match first {
+                    Some((k, Rise::Rises)) => self.climb_from(ray, k, work),
+                    _ => None,
+                };
+                let above = climbed(first_up, up, work);
+                let below = climbed(first_down, down, work);
+                nearest(above, below)
+            }
+        }
+    }
+
+    /// The first sample at which g rises or falls, for a ray that starts where it does neither.
+    fn leave_plateau(&self, signed: SignedRay, work: &mut Work) -> Option<(u32, Rise)> {
+        for k in 1..=self.last_step {
+            let q = self.rise(signed, self.t(k), work)?;
+            if q > 0.0 {
+                return Some((k, Rise::Rises));
+            }
+            if q < 0.0 {
+                let end = bisect(self.t(k - 1), self.t(k), |t| self.rise_inside(signed, t, work) >= 0.0);
+                return Some((k, Rise::Falls(end)));
+            }
+        }
+        None
+    }
+
+    /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
+    fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Option<f32> {
+        let cells_per_step = signed.ray.fastest() * self.step;
+        let mut k = start + 1;
+        // Whether the sample before lies in a cell that is known to have q > 0 throughout. The voxel itself is a corner
+        // of the first sample's cell.
+        let mut rising_cell = start == 0;
+        while k <= self.last_step {
+            let place = self.sampler.place(&signed.ray, self.t(k))?;
+            if let Some(cells) = self.cells {
+                let [nx, ny, _] = cells.dims;
+                let [i, j, l] = place.cell;
+                let distance = cells.cells[(l * ny + j) * nx + i];
+                if distance > 0 && rising_cell {
+                    // All cells closer than `distance` have this one's sign; the margin is for rounding.
+                    let safe = f32::from(distance - 1) * 0.999 / cells_per_step;
+                    k += (safe as u32).max(1);
+                    continue;
+                }
+                rising_cell = distance > 0;
+            }
+            work.samples += 1;
+            let q = signed.sign * self.sampler.trilinear(self.second_derivative, &place);
+            if q < 0.0 {
+                return Some(self.refine(signed, start, k, work));
+            }
+            if q.is_nan() {
+                return None;
+            }
+            k += 1;
+        }
+        None
+    }
+
+    /// Refines a crossing seen between samples `start`, where q is positive, and `k`, where it is negative. If q is 0 in
+    /// between, the crossing is the middle of that plateau.
+    fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> f32 {
+        let mut last_positive = k - 1;
+        while last_positive > start && self.rise_inside(signed, self.t(last_positive), work) <= 0.0 {
+            last_positive -= 1;
+        }
+        let begin =
+            bisect(self.t(last_positive), self.t(last_positive + 1), |t| self.rise_inside(signed, t, work) > 0.0);
+        if last_positive + 1 == k {
+            return begin;
+        }
+        let end = bisect(self.t(k - 1), self.t(k), |t| self.rise_inside(signed, t, work) >= 0.0);
+        0.5 * (begin + end)
+    }
+
+    /// The paper's rule as printed: both rays go on step by step; one whose g has fallen is stopped, and the other goes on
+    /// until it hits.
+    fn literal(&self, up: SignedRay, down: SignedRay, index: usize, work: &mut Work) -> Option<f32> {
+        let start = |signed: SignedRay| LiteralRay {
+            signed,
+            gradient_magnitude: self.gradient_magnitude[index],
+            positive_at: (signed.sign * self.second_derivative[index] > 0.0).then_some(0),
+            alive: true,
+        };
+        let mut rays = [start(up), start(down)];
+        for k in 1..=self.last_step {
+            let both = rays[0].alive && rays[1].alive;
+            let mut hits = [None; 2];
+            for (ray, hit) in rays.iter_mut().zip(&mut hits).filter(|(ray, _)| ray.alive) {
+                *hit = self.literal_step(ray, k, both, work);
+            }
+            if let Some(t) = nearest(hits[0], hits[1]) {
+                return Some(t);
+            }
+            if !rays[0].alive && !rays[1].alive {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Takes one step of one ray; the parameter of its hit, if it has one now.
+    fn literal_step(&self, ray: &mut LiteralRay, k: u32, both_alive: bool, work: &mut Work) -> Option<f32> {
+        let place = self.sampler.place(&ray.signed.ray, self.t(k));
+        let Some(place) = place else {
+            ray.alive = false;
+            return None;
+        };
+        work.samples += 1;
+        let q = ray.signed.sign * self.sampler.trilinear(self.second_derivative, &place);
+        let gradient_magnitude = self.sampler.trilinear(self.gradient_magnitude, &place);
+        if q.is_nan() || gradient_magnitude.is_nan() {
+            ray.alive = false;
+            return None;
+        }
+        if q < 0.0
+            && let Some(start) = ray.positive_at
+        {
+            return Some(self.refine(ray.signed, start, k, work));
+        }
+        if q != 0.0 {
+            ray.positive_at = (q > 0.0).then_some(k);
+        }
+        ray.alive = !(both_alive && gradient_magnitude < ray.gradient_magnitude);
+        ray.gradient_magnitude = gradient_magnitude;
+        None
+    }
+
+    fn hit(&self, up: SignedRay, t: f32, normal: Vec3) -> Option<BoundaryHit> {
+        let place = self.sampler.place(&up.ray, t)?;
+        let gradient_magnitude = self.sampler.trilinear(self.gradient_magnitude, &place);
+        (gradient_magnitude > GRADIENT_FLOOR).then(|| BoundaryHit {
+            // A voxel from which the boundary lies upwards is on its low side.
+            distance: -t,
+            gradient_magnitude,
+            value: self.sampler.trilinear(self.values, &place),
+            normal,
+        })
+    }
+
+    fn t(&self, k: u32) -> f32 {
+        k as f32 * self.step
+    }
+
+    /// q(t), or `None` outside the volume.
+    fn rise(&self, signed: SignedRay, t: f32, work: &mut Work) -> Option<f32> {
+        let place = self.sampler.place(&signed.ray, t)?;
+        work.samples += 1;
+        Some(signed.sign * self.sampler.trilinear(self.second_derivative, &place))
+    }
+
+    /// q(t) between two places that are known to be inside.
+    fn rise_inside(&self, signed: SignedRay, t: f32, work: &mut Work) -> f32 {
+        self.rise(signed, t, work).unwrap_or(f32::NAN)
+    }
+}
+
+/// What g does where a ray leaves a plateau of f''.
+#[derive(Clone, Copy)]
+enum Rise {
+    Rises,
+    /// The parameter at which the plateau ends.
+    Falls(f32),
+}
+
+struct LiteralRay {
+    signed: SignedRay,
+    gradient_magnitude: f32,
+    /// The last sample with q above 0, unless it was below 0 since.
+    positive_at: Option<u32>,
+    alive: bool,
+}
+
+/// Of a hit upwards and one downwards the nearer, signed along n.
+fn nearest(up: Option<f32>, down: Option<f32>) -> Option<f32> {
+    match (up, down) {
+        (Some(up), Some(down)) => Some(if up <= down { up } else { -down }),
+        (up, down) => up.or(down.map(|t| -t)),
+    }
+}

@@ -1,0 +1,337 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use voxrole_pack::{HistogramKind, ScalarType};
+use voxrole_preprocess::phantom::Phantom;
+use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
+
+/// Prepares volumes overnight: where each voxel stands relative to the nearest boundary along its own gradient.
+#[derive(Debug, Parser)]
+#[command(name = "voxrole", version, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Compute the voxel roles of a volume and pack them into a file.
+    Prepare(PrepareArgs),
+    /// Say what a packed file holds.
+    Info(InfoArgs),
+    /// Read a packed file whole and check every byte.
+    Verify(FileArgs),
+    /// Write one field of a packed file as NRRD.
+    Export(ExportArgs),
+    /// Draw a histogram of a packed file, or write it as a table.
+    Histogram(HistogramArgs),
+    /// Draw one slice of a packed file.
+    Slice(SliceArgs),
+    /// Make a volume by formula, whose boundaries are known exactly.
+    Phantom(PhantomArgs),
+}
+
+/// A packed file.
+#[derive(Debug, Args)]
+pub struct FileArgs {
+    /// Packed file (.vxr).
+    pub file: PathBuf,
+}
+
+/// `prepare`.
+#[derive(Debug, Args)]
+pub struct PrepareArgs {
+    /// Volume: NRRD, MetaImage, NIfTI-1, or headerless with --dims and --dtype.
+    pub input: PathBuf,
+    /// Packed file to write.
+    #[arg(short, long, value_name = "OUT.vxr")]
+    pub output: PathBuf,
+    /// Rule set that the other defaults come from: `paper` smooths g and f'' and climbs literally, `fast` does neither.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub method: MethodArg,
+    /// Where to smooth [default: bilateral-derivatives for paper, none for fast].
+    #[arg(long, value_enum)]
+    pub smooth: Option<SmoothArg>,
+    /// Spatial σ of the smoothing in multiples of the smallest spacing [default: 1, Gaussian 1.5].
+    #[arg(long, value_name = "F")]
+    pub spatial_sigma: Option<f64>,
+    /// Range σ of a bilateral filter as a share of the filtered field's range [default: three times the estimated noise].
+    #[arg(long, value_name = "F")]
+    pub range_sigma: Option<f64>,
+    /// Neighbours on each side that a filter looks at, in voxels [default: 2, Gaussian 5].
+    #[arg(long, value_name = "N")]
+    pub radius: Option<usize>,
+    /// What stops a ray: a fall of its own gradient magnitude (literal), or only a rise along the other ray (release)
+    /// [default: literal for paper, release for fast].
+    #[arg(long, value_enum)]
+    pub climb: Option<ClimbArg>,
+    /// Distance between samples along a ray, in multiples of the smallest spacing.
+    #[arg(long, value_name = "F", default_value_t = 0.2)]
+    pub step: f64,
+    /// Length of a ray in multiples of the smallest spacing.
+    #[arg(long, value_name = "F", default_value_t = 15.0)]
+    pub dmax: f64,
+    /// Store gradient magnitude and second derivative too.
+    #[arg(long, value_enum)]
+    pub keep: Option<KeepArg>,
+    /// Trace every voxel, also those that cannot hit; the file is the same.
+    #[arg(long)]
+    pub no_skip: bool,
+    /// Threads to use [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+    /// Write seconds and counts of the run as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Layout of a headerless input.
+    #[command(flatten)]
+    pub raw: RawArgs,
+}
+
+/// `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// Packed file (.vxr).
+    pub file: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// Packed file (.vxr).
+    pub file: PathBuf,
+    /// What to write, in physical units as 32-bit floats; voxels without a boundary are NaN in distance, hit-gradient
+    /// and normal. Roles: 0 no boundary, 1 on it, 2 high-value side, 3 low-value side, -1 masked.
+    #[arg(long, value_enum)]
+    pub field: ExportField,
+    /// NRRD file to write.
+    #[arg(short, long, value_name = "OUT.nrrd")]
+    pub output: PathBuf,
+}
+
+/// `histogram`.
+#[derive(Debug, Args)]
+pub struct HistogramArgs {
+    /// Packed file (.vxr).
+    pub file: PathBuf,
+    /// Value against gradient magnitude (v-g), against second derivative (v-f2), against gradient magnitude at the hit
+    /// (v-hit), both at the hit (hit-hit), or signed distance.
+    #[arg(long, value_enum)]
+    pub kind: HistogramArg,
+    /// Picture (.png) or table (.csv) to write.
+    #[arg(short, long, value_name = "OUT.png|OUT.csv")]
+    pub output: PathBuf,
+}
+
+/// `slice`.
+#[derive(Debug, Args)]
+pub struct SliceArgs {
+    /// Packed file (.vxr).
+    pub file: PathBuf,
+    /// What to draw; distance is the paper's flipped image, second-derivative red where negative and blue where positive.
+    #[arg(long, value_enum)]
+    pub field: SliceField,
+    /// Axis at right angles to the slice.
+    #[arg(long, value_enum)]
+    pub axis: AxisArg,
+    /// Which slice, from 0.
+    #[arg(long, value_name = "N")]
+    pub index: u32,
+    /// Picture to write.
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+}
+
+/// `phantom`.
+#[derive(Debug, Args)]
+pub struct PhantomArgs {
+    /// Which phantom.
+    #[arg(value_parser = parse_phantom, required_unless_present = "list")]
+    pub name: Option<Phantom>,
+    /// Voxels along x, y, z.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<u32>, required_unless_present = "list")]
+    pub dims: Option<[u32; 3]>,
+    /// Distance between voxels along x, y, z.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, default_value = "1,1,1")]
+    pub spacing: Triple,
+    /// Blur of the boundaries (σ) in multiples of the smallest spacing.
+    #[arg(long, value_name = "F", default_value_t = 1.5)]
+    pub blur: f64,
+    /// Noise (σ) as a share of the largest step.
+    #[arg(long, value_name = "F", default_value_t = 0.0)]
+    pub noise: f64,
+    /// Seed of the noise.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Type of number: u8, i8, u16, i16, u32, i32, f32, f64.
+    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = parse_scalar_type)]
+    pub dtype: ScalarType,
+    /// NRRD file to write.
+    #[arg(short, long, value_name = "OUT.nrrd", required_unless_present = "list")]
+    pub output: Option<PathBuf>,
+    /// NRRD file to write the exact signed distance to.
+    #[arg(long, value_name = "OUT.nrrd")]
+    pub truth: Option<PathBuf>,
+    /// List the phantoms.
+    #[arg(long)]
+    pub list: bool,
+}
+
+/// Three numbers; clap would take a bare array for a list.
+pub type Triple = [f64; 3];
+
+/// `--method`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum MethodArg {
+    /// The paper as printed.
+    Paper,
+    /// Without smoothing, release climbing rule.
+    Fast,
+}
+
+/// `--smooth`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SmoothArg {
+    /// Nowhere.
+    None,
+    /// Bilateral filter on gradient magnitude and second derivative.
+    BilateralDerivatives,
+    /// Bilateral filter on the value.
+    BilateralValue,
+    /// Gaussian on the value.
+    GaussianValue,
+}
+
+/// `--climb`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ClimbArg {
+    /// A fall of the ray's own gradient magnitude.
+    Literal,
+    /// Only a rise along the other ray.
+    Release,
+}
+
+/// `--keep`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum KeepArg {
+    /// Gradient magnitude and second derivative.
+    Derivatives,
+}
+
+/// `export --field`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ExportField {
+    /// Physical value.
+    Value,
+    /// Signed distance.
+    Distance,
+    /// Gradient magnitude at the hit.
+    HitGradient,
+    /// Unit gradient direction along the world's axes.
+    Normal,
+    /// Role as a number.
+    Role,
+    /// Gradient magnitude at the voxel.
+    GradientMagnitude,
+    /// Second derivative along the gradient.
+    SecondDerivative,
+}
+
+/// `slice --field`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SliceField {
+    /// Grey.
+    Value,
+    /// 255·(1 − |d|/d_max).
+    Distance,
+    /// Red negative, blue positive.
+    SecondDerivative,
+    /// Colour map.
+    HitGradient,
+}
+
+/// `slice --axis`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum AxisArg {
+    /// y to the right, z upwards.
+    X,
+    /// x to the right, z upwards.
+    Y,
+    /// x to the right, y downwards.
+    Z,
+}
+
+/// `histogram --kind`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum HistogramArg {
+    /// Value, gradient magnitude.
+    VG,
+    /// Value, second derivative.
+    #[value(name = "v-f2")]
+    VF2,
+    /// Value, gradient magnitude at the hit.
+    VHit,
+    /// Value at the hit, gradient magnitude at the hit.
+    HitHit,
+    /// Signed distance.
+    Distance,
+}
+
+impl From<HistogramArg> for HistogramKind {
+    fn from(kind: HistogramArg) -> Self {
+        match kind {
+            HistogramArg::VG => Self::ValueGradient,
+            HistogramArg::VF2 => Self::ValueSecondDerivative,
+            HistogramArg::VHit => Self::ValueHitGradient,
+            HistogramArg::HitHit => Self::HitValueHitGradient,
+            HistogramArg::Distance => Self::Distance,
+        }
+    }
+}
+
+fn parse_phantom(name: &str) -> Result<Phantom, String> {
+    Phantom::from_name(name).ok_or_else(|| format!("one of {}", Phantom::ALL.map(Phantom::name).join(", ")))
+}
+
+fn parse_scalar_type(name: &str) -> Result<ScalarType, String> {
+    ScalarType::from_name(name).ok_or_else(|| format!("one of {}", ScalarType::ALL.map(ScalarType::name).join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_description_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn names_of_the_contract_are_understood() {
+        for line in [
+            "voxrole prepare in.nrrd -o out.vxr --method paper --smooth bilateral-derivatives --spatial-sigma 1 \
+             --range-sigma 0.1 --radius 2 --climb literal --step 0.2 --dmax 15 --keep derivatives --no-skip --threads 2 \
+             --report r.json",
+            "voxrole prepare in.raw -o out.vxr --dims 2,3,4 --dtype u16be --spacing 1,1,2 --skip-bytes 8",
+            "voxrole histogram f.vxr --kind v-g -o o.png",
+            "voxrole histogram f.vxr --kind v-f2 -o o.png",
+            "voxrole histogram f.vxr --kind v-hit -o o.csv",
+            "voxrole histogram f.vxr --kind hit-hit -o o.png",
+            "voxrole slice f.vxr --field second-derivative --axis x --index 3 -o o.png",
+            "voxrole export f.vxr --field hit-gradient -o o.nrrd",
+            "voxrole phantom ball --dims 8,8,8 --blur 1 --noise 0 --seed 3 --dtype u8 --spacing 1,1,1 -o o.nrrd",
+            "voxrole phantom --list",
+        ] {
+            Cli::try_parse_from(line.split_whitespace()).expect(line);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! `voxrole info` and `voxrole verify`.
+
+use serde_json::json;
+use voxrole_pack::layer::Quantization;
+use voxrole_pack::{Layer, Reader, WorldFrame};
+
+use super::args::{FileArgs, InfoArgs};
+
+pub fn run(args: &InfoArgs) -> anyhow::Result<()> {
+    let reader = super::open(&args.file)?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&as_json(&reader))?);
+    } else {
+        print_text(&reader);
+    }
+    Ok(())
+}
+
+pub fn verify(args: &FileArgs) -> anyhow::Result<()> {
+    use anyhow::Context;
+    let reader = super::open(&args.file)?;
+    let verified = reader.verify().with_context(|| args.file.display().to_string())?;
+    println!("{}: sound; {} bricks and all {} bytes checked", args.file.display(), verified.bricks, verified.bytes);
+    Ok(())
+}
+
+fn stored_bytes(reader: &Reader, layer: usize) -> u64 {
+    reader.directory().layers[layer].iter().map(|brick| u64::from(brick.extent.stored_bytes)).sum()
+}
+
+fn print_text(reader: &Reader) {
+    let header = reader.header();
+    let geometry = &header.geometry;
+    let statistics = &header.statistics;
+    let list = |numbers: [f64; 3]| numbers.map(|number| number.to_string()).join(", ");
+    let unit = if geometry.unit.is_empty() { String::new() } else { format!(" {}", geometry.unit) };
+    let frame = match geometry.frame {
+        WorldFrame::Unspecified => "unspecified",
+        WorldFrame::LeftPosteriorSuperior => "left-posterior-superior",
+    };
+    println!("input       {}", header.source.name);
+    println!("sha256      {} (voxels)", header.source.voxels_sha256_hex());
+    println!("made by     {}", header.made_by);
+    println!("voxels      {}", geometry.dims.map(|dim| dim.to_string()).join(" x "));
+    println!("spacing     {}{unit}", list(geometry.spacing));
+    println!("origin      {}", list(geometry.origin));
+    println!("direction   {}", geometry.direction.map(list).join("; "));
+    println!("world       {frame}");
+    println!("values      {} to {}", statistics.value_range[0], statistics.value_range[1]);
+    println!("gradient    up to {}", statistics.max_gradient);
+    println!("boundary    {} voxels, {} without, {} masked", statistics.hits, statistics.misses, statistics.masked);
+    for parameter in &header.parameters {
+        println!("{:<11} {}", parameter.name, parameter.value);
+    }
+    let voxels = geometry.voxel_count() as f64;
+    for (index, layer) in header.layers.iter().enumerate() {
+        let bytes = stored_bytes(reader, index);
+        println!(
+            "layer       {} as {}{}: {bytes} bytes, {:.2} per voxel",
+            layer.kind.name(),
+            layer.scalar_type.name(),
+            precision(layer),
+            bytes as f64 / voxels
+        );
+    }
+    for shape in &header.histograms {
+        let bins = shape.axes.iter().map(|axis| axis.bins.to_string()).collect::<Vec<_>>().join(" x ");
+        println!("histogram   {} of {bins} bins", shape.kind.name());
+    }
+    println!("file        {} bytes, {:.2} per voxel", reader.file_bytes(), reader.file_bytes() as f64 / voxels);
+}
+
+fn precision(layer: &Layer) -> String {
+    match layer.quantization {
+        Quantization::Linear { slope, intercept } if slope != 1.0 || intercept != 0.0 => {
+            format!(" (times {slope} plus {intercept})")
+        }
+        Quantization::Linear { .. } => " (exact)".into(),
+        Quantization::Distance(distance) => format!(" (±{:e}, up to {})", distance.error_bound(), distance.d_max),
+        Quantization::HitGradient(hit) => format!(" (±{:e}, {} to {})", hit.error_bound(), hit.low, hit.high),
+        Quantization::Octahedral => " (octahedral, ±0.95°)".into(),
+    }
+}
+
+fn as_json(reader: &Reader) -> serde_json::Value {
+    let header = reader.header();
+    let layers: Vec<_> = header
+        .layers
+        .iter()
+        .enumerate()
+        .map(|(index, layer)| {
+            json!({
+                "kind": layer.kind.name(),
+                "type": layer.scalar_type.name(),
+                "quantization": layer.quantization,
+                "stored_bytes": stored_bytes(reader, index),
+            })
+        })
+        .collect();
+    let histograms: Vec<_> =
+        header.histograms.iter().map(|shape| json!({ "kind": shape.kind.name(), "axes": shape.axes })).collect();
+    let parameters: serde_json::Map<_, _> =
+        header.parameters.iter().map(|parameter| (parameter.name.clone(), json!(parameter.value))).collect();
+    json!({
+        "made_by": header.made_by,
+        "source": { "name": header.source.name, "voxels_sha256": header.source.voxels_sha256_hex() },
+        "geometry": header.geometry,
+        "statistics": header.statistics,
+        "parameters": parameters,
+        "layers": layers,
+        "histograms": histograms,
+        "file_bytes": reader.file_bytes(),
+    })
+}

@@ -1,0 +1,98 @@
+//! `voxrole prepare`.
+
+use anyhow::Context;
+use rayon::ThreadPoolBuilder;
+use voxrole_preprocess::io::read_volume;
+use voxrole_preprocess::prepare;
+use voxrole_preprocess::progress::Progress;
+use voxrole_preprocess::report::{Report, Stage};
+use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
+
+use super::args::{ClimbArg, MethodArg, PrepareArgs, SmoothArg};
+use super::terminal::TerminalProgress;
+
+pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
+    let settings = settings(args);
+    settings.validate()?;
+    let mut pool = ThreadPoolBuilder::new();
+    if let Some(threads) = args.threads {
+        pool = pool.num_threads(threads.into());
+    }
+    let report = pool.build().context("starting threads")?.install(|| read_and_prepare(args, &settings))?;
+    summarise(&report, args);
+    if let Some(path) = &args.report {
+        super::write(path, &serde_json::to_vec_pretty(&report)?)?;
+    }
+    Ok(())
+}
+
+fn read_and_prepare(args: &PrepareArgs, settings: &Settings) -> anyhow::Result<Report> {
+    let progress = TerminalProgress::new();
+    progress.begin("reading", 1);
+    let start = std::time::Instant::now();
+    let grid = read_volume(&args.input, args.raw.layout().as_ref())?;
+    let reading = Stage { name: "reading", seconds: start.elapsed().as_secs_f64() };
+    progress.step();
+    let result = prepare(&grid, settings, &args.output, &progress);
+    progress.finish();
+    let mut report = result.with_context(|| format!("preparing {}", args.input.display()))?;
+    report.seconds += reading.seconds;
+    report.stages.insert(0, reading);
+    Ok(report)
+}
+
+fn settings(args: &PrepareArgs) -> Settings {
+    let mut settings = Settings::new(match args.method {
+        MethodArg::Paper => Method::Paper,
+        MethodArg::Fast => Method::Fast,
+    });
+    if let Some(smooth) = args.smooth {
+        settings.smoothing = SmoothingSettings::new(match smooth {
+            SmoothArg::None => Smoothing::None,
+            SmoothArg::BilateralDerivatives => Smoothing::BilateralDerivatives,
+            SmoothArg::BilateralValue => Smoothing::BilateralValue,
+            SmoothArg::GaussianValue => Smoothing::GaussianValue,
+        });
+    }
+    let smoothing = &mut settings.smoothing;
+    smoothing.spatial_sigma = args.spatial_sigma.unwrap_or(smoothing.spatial_sigma);
+    smoothing.range_sigma = args.range_sigma;
+    smoothing.radius = args.radius.unwrap_or(smoothing.radius);
+    if let Some(climb) = args.climb {
+        settings.climb = match climb {
+            ClimbArg::Literal => Climb::Literal,
+            ClimbArg::Release => Climb::Release,
+        };
+    }
+    Settings {
+        step: args.step,
+        d_max: args.dmax,
+        keep_derivatives: args.keep.is_some(),
+        skip: !args.no_skip,
+        ..settings
+    }
+}
+
+fn summarise(report: &Report, args: &PrepareArgs) {
+    let counts = &report.counts;
+    let share = |part: u64| 100.0 * part as f64 / counts.voxels as f64;
+    let [x, y, z] = report.dims;
+    println!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads);
+    println!(
+        "  {} voxels have a boundary ({:.1} %), {} have none, {} are masked",
+        counts.hits,
+        share(counts.hits),
+        counts.misses,
+        counts.masked
+    );
+    println!(
+        "  {} voxels traced with {} samples, {} skipped and {} without gradient",
+        counts.traced, counts.samples, counts.skipped, counts.flat
+    );
+    println!(
+        "  {}: {} bytes, {:.2} per voxel",
+        args.output.display(),
+        report.file_bytes,
+        report.file_bytes as f64 / counts.voxels as f64
+    );
+}

@@ -1,0 +1,448 @@
+//! The numbers of a volume: the one place that turns bytes into [`Scalars`].
+//!
+//! No length that a header claims is believed before it is met: plain data are measured against the file before any
+//! memory is taken, compressed data grow the array only as they come out of the stream, and stop at the expected length.
+
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use flate2::bufread::MultiGzDecoder;
+use flate2::{Decompress, FlushDecompress, Status};
+use voxrole_pack::scalar::Scalar;
+use voxrole_pack::{ScalarType, Scalars};
+
+use super::raw::{ByteOrder, StoredType};
+use crate::{Error, Result};
+
+/// How a gzip file begins: its mark, and deflate as the method.
+pub(super) const GZIP_MAGIC: [u8; 3] = [0x1f, 0x8b, 8];
+/// Bytes that are decoded at a time: a multiple of every number's size.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// Where the stored bytes begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Start {
+    /// So many bytes into the file.
+    Offset(u64),
+    /// So that they end with the file; for plain data only.
+    FileEnd,
+}
+
+/// How the stored bytes are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// Not at all.
+    Plain,
+    /// gzip, of one or more members.
+    Gzip,
+    /// zlib; with its length, where the header gives it.
+    Zlib(Option<u64>),
+}
+
+/// Where a volume's numbers lie, and how.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Payload<'a> {
+    /// The file that holds the numbers.
+    pub path: &'a Path,
+    pub start: Start,
+    pub encoding: Encoding,
+    /// Bytes to drop behind the decompression; 0 for plain data.
+    pub decoded_skip: u64,
+    /// As [`voxrole_pack::GridGeometry::validate`] lets through.
+    pub dims: [u32; 3],
+    pub stored: StoredType,
+    /// What to check when the length does not fit.
+    pub hint: &'a str,
+}
+
+/// Opens a plain file, and gives its length.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Format`] for a folder, pipe or device, which could block or never end.
+pub(super) fn open(path: &Path) -> Result<(File, u64)> {
+    let metadata = fs::metadata(path).map_err(Error::io(path))?;
+    if metadata.is_dir() {
+        return Err(Error::format(path, "expected a volume file, found a folder"));
+    }
+    if !metadata.is_file() {
+        return Err(Error::format(path, "expected a volume file, found a pipe or device"));
+    }
+    Ok((File::open(path).map_err(Error::io(path))?, metadata.len()))
+}
+
+impl Payload<'_> {
+    /// Length of the numbers, unpacked. Requires dimensions that the geometry's check lets through.
+    pub fn expected_bytes(&self) -> u64 {
+        let size = self.stored.scalar_type.size_in_bytes() as u64;
+        self.dims.iter().fold(size, |product, &dim| product.saturating_mul(u64::from(dim)))
+    }
+
+    /// Reads all numbers.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] when there are fewer or more bytes than the grid needs, or damaged ones;
+    /// [`Error::OutOfMemory`].
+    pub fn read(&self) -> Result<Scalars> {
+        let (mut file, length) = open(self.path)?;
+        let offset = self.offset(length)?;
+        file.seek(SeekFrom::Start(offset)).map_err(Error::io(self.path))?;
+        match self.encoding {
+            Encoding::Plain => Decoding::new(self, &mut file, true).scalars(),
+            Encoding::Gzip => {
+                let mut stream = MultiGzDecoder::new(BufReader::new(file));
+                self.unpack(&mut stream)
+            }
+            Encoding::Zlib(packed) => {
+                let available = length - offset;
+                if let Some(packed) = packed.filter(|&packed| packed != available) {
+                    return Err(self
+                        .fail(format!("expected {packed} compressed bytes from byte {offset} on, found {available}")));
+                }
+                let mut stream = ZlibStream::new(BufReader::new(file));
+                let scalars = self.unpack(&mut stream)?;
+                if !stream.input.fill_buf().map_err(Error::io(self.path))?.is_empty() {
+                    let message = format!(
+                        "expected {} compressed bytes from byte {offset} on, found {available}",
+                        stream.inflate.total_in()
+                    );
+                    return Err(self.fail(message));
+                }
+                Ok(scalars)
+            }
+        }
+    }
+
+    /// The first stored byte's position; for plain data only if the file has exactly the length that it must have.
+    fn offset(&self, length: u64) -> Result<u64> {
+        let expected = self.expected_bytes();
+        let offset = match self.start {
+            Start::Offset(offset) => offset,
+            Start::FileEnd => length.saturating_sub(expected),
+        };
+        let available = length.checked_sub(offset).ok_or_else(|| {
+            self.fail(format!("expected voxels from byte {offset} on, found a file of {length} bytes; {}", self.hint))
+        })?;
+        if self.encoding == Encoding::Plain && available != expected {
+            return Err(self.fail(format!(
+                "{}, found {available} from byte {offset} on; {}",
+                self.expectation(),
+                self.hint
+            )));
+        }
+        Ok(offset)
+    }
+
+    fn unpack(&self, stream: &mut dyn Read) -> Result<Scalars> {
+        let mut decoding = Decoding::new(self, stream, false);
+        decoding.skip()?;
+        let scalars = decoding.scalars()?;
+        decoding.expect_end()?;
+        Ok(scalars)
+    }
+
+    fn expectation(&self) -> String {
+        let [x, y, z] = self.dims;
+        format!("expected {} bytes ({x} x {y} x {z} of {})", self.expected_bytes(), self.stored)
+    }
+
+    fn fail(&self, message: String) -> Error {
+        Error::format(self.path, message)
+    }
+}
+
+/// A stream of numbers being read.
+struct Decoding<'a> {
+    payload: &'a Payload<'a>,
+    stream: &'a mut dyn Read,
+    /// Whether the stream is known to hold all expected bytes.
+    measured: bool,
+    /// Bytes of voxels read so far.
+    found: u64,
+}
+
+impl<'a> Decoding<'a> {
+    fn new(payload: &'a Payload<'a>, stream: &'a mut dyn Read, measured: bool) -> Self {
+        Self { payload, stream, measured, found: 0 }
+    }
+
+    fn skip(&mut self) -> Result<()> {
+        let skip = self.payload.decoded_skip;
+        let skipped = io::copy(&mut Read::by_ref(&mut self.stream).take(skip), &mut io::sink())
+            .map_err(|error| self.broken(error))?;
+        if skipped < skip {
+            let message =
+                format!("expected voxels from unpacked byte {skip} on, found {skipped} bytes; {}", self.payload.hint);
+            return Err(self.payload.fail(message));
+        }
+        Ok(())
+    }
+
+    fn scalars(&mut self) -> Result<Scalars> {
+        Ok(match self.payload.stored.scalar_type {
+            ScalarType::U8 => Scalars::U8(self.numbers()?),
+            ScalarType::I8 => Scalars::I8(self.numbers()?),
+            ScalarType::U16 => Scalars::U16(self.numbers()?),
+            ScalarType::I16 => Scalars::I16(self.numbers()?),
+            ScalarType::U32 => Scalars::U32(self.numbers()?),
+            ScalarType::I32 => Scalars::I32(self.numbers()?),
+            ScalarType::F32 => Scalars::F32(self.numbers()?),
+            ScalarType::F64 => Scalars::F64(self.numbers()?),
+        })
+    }
+
+    fn numbers<T: Scalar>(&mut self) -> Result<Vec<T>> {
+        let expected = self.payload.expected_bytes();
+        let count = usize::try_from(expected / T::SIZE as u64).map_err(|_| self.out_of_memory())?;
+        let mut numbers = Vec::new();
+        if self.measured {
+            numbers.try_reserve_exact(count).map_err(|_| self.out_of_memory())?;
+        }
+        let mut buffer = vec![0; CHUNK_BYTES.min(count * T::SIZE)];
+        while numbers.len() < count {
+            let missing = count - numbers.len();
+            let wanted = missing.min(CHUNK_BYTES / T::SIZE);
+            let chunk = &mut buffer[..wanted * T::SIZE];
+            self.fill(chunk)?;
+            if numbers.capacity() - numbers.len() < wanted {
+                // Twice as much as before, but never more than is expected.
+                let growth = missing.min(wanted.max(numbers.len()));
+                numbers.try_reserve_exact(growth).map_err(|_| self.out_of_memory())?;
+            }
+            if self.payload.stored.byte_order == ByteOrder::Big {
+                chunk.chunks_exact_mut(T::SIZE).for_each(<[u8]>::reverse);
+            }
+            numbers.extend(chunk.chunks_exact(T::SIZE).map(T::from_le));
+        }
+        Ok(numbers)
+    }
+
+    /// Fills `chunk`, or says how far the data go.
+    fn fill(&mut self, chunk: &mut [u8]) -> Result<()> {
+        let mut filled = 0;
+        while filled < chunk.len() {
+            match self.stream.read(&mut chunk[filled..]) {
+                Ok(0) => {
+                    let Payload { hint, .. } = self.payload;
+                    return Err(self.payload.fail(format!(
+                        "{}, found {}; {hint}",
+                        self.payload.expectation(),
+                        self.found
+                    )));
+                }
+                Ok(count) => {
+                    filled += count;
+                    self.found += count as u64;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.broken(error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes sure that the stream ends here; this is also what checks the stream's checksum.
+    fn expect_end(&mut self) -> Result<()> {
+        loop {
+            match self.stream.read(&mut [0]) {
+                Ok(0) => return Ok(()),
+                Ok(_) => {
+                    let message = format!(
+                        "{}, found more in the compressed data; {}",
+                        self.payload.expectation(),
+                        self.payload.hint
+                    );
+                    return Err(self.payload.fail(message));
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.broken(error)),
+            }
+        }
+    }
+
+    /// What an error of the stream means.
+    fn broken(&self, error: io::Error) -> Error {
+        let (expectation, found) = (self.payload.expectation(), self.found);
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof => self
+                .payload
+                .fail(format!("the compressed data are truncated: {expectation}, found {found} before their end")),
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => self
+                .payload
+                .fail(format!("the compressed data are damaged: {expectation}, found {found} before this: {error}")),
+            _ => Error::Io { path: self.payload.path.to_owned(), source: error },
+        }
+    }
+
+    fn out_of_memory(&self) -> Error {
+        let what = format!("the voxels of {}", self.payload.path.display());
+        Error::OutOfMemory { what, bytes: u128::from(self.payload.expected_bytes()) }
+    }
+}
+
+/// A zlib stream that knows whether it has ended: flate2's own reader takes a truncated checksum for a good end.
+struct ZlibStream<R> {
+    input: R,
+    inflate: Decompress,
+    ended: bool,
+}
+
+impl<R: BufRead> ZlibStream<R> {
+    fn new(input: R) -> Self {
+        Self { input, inflate: Decompress::new(true), ended: false }
+    }
+}
+
+impl<R: BufRead> Read for ZlibStream<R> {
+    fn read(&mut self, output: &mut [u8]) -> io::Result<usize> {
+        while !self.ended {
+            let input = self.input.fill_buf()?;
+            let at_end = input.is_empty();
+            let (consumed, produced) = (self.inflate.total_in(), self.inflate.total_out());
+            let status = self.inflate.decompress(input, output, FlushDecompress::None);
+            let consumed = self.inflate.total_in() - consumed;
+            let produced = self.inflate.total_out() - produced;
+            self.input.consume(consumed as usize);
+            match status.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))? {
+                Status::StreamEnd => self.ended = true,
+                Status::Ok | Status::BufError if at_end && produced == 0 => {
+                    return Err(io::ErrorKind::UnexpectedEof.into());
+                }
+                Status::Ok | Status::BufError => {}
+            }
+            if produced > 0 {
+                return Ok(produced as usize);
+            }
+        }
+        Ok(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use flate2::Compression;
+    use flate2::write::{GzEncoder, ZlibEncoder};
+
+    use super::*;
+
+    const U16_BE: StoredType = StoredType { scalar_type: ScalarType::U16, byte_order: ByteOrder::Big };
+
+    fn read(bytes: &[u8], start: Start, encoding: Encoding, decoded_skip: u64) -> Result<Scalars> {
+        let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
+        file.write_all(bytes).expect("written");
+        let payload = Payload {
+            path: file.path(),
+            start,
+            encoding,
+            decoded_skip,
+            dims: [3, 1, 1],
+            stored: U16_BE,
+            hint: "check sizes",
+        };
+        payload.read()
+    }
+
+    fn zlib(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(bytes).expect("into memory");
+        encoder.finish().expect("into memory")
+    }
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(bytes).expect("into memory");
+        encoder.finish().expect("into memory")
+    }
+
+    const SIX: [u8; 6] = [0, 1, 1, 0, 255, 254];
+
+    #[test]
+    fn every_encoding_gives_the_same_numbers() {
+        let expected = Scalars::U16(vec![1, 256, 65534]);
+        let with_prefix = [b"abc".as_slice(), &SIX].concat();
+        let members = [gzip(&SIX[..3]), gzip(&SIX[3..])].concat();
+        for (bytes, start, encoding, skip) in [
+            (SIX.to_vec(), Start::Offset(0), Encoding::Plain, 0),
+            (with_prefix.clone(), Start::Offset(3), Encoding::Plain, 0),
+            (with_prefix.clone(), Start::FileEnd, Encoding::Plain, 0),
+            (gzip(&with_prefix), Start::Offset(0), Encoding::Gzip, 3),
+            (members, Start::Offset(0), Encoding::Gzip, 0),
+            (zlib(&SIX), Start::Offset(0), Encoding::Zlib(None), 0),
+            (zlib(&SIX), Start::Offset(0), Encoding::Zlib(Some(zlib(&SIX).len() as u64)), 0),
+        ] {
+            assert_eq!(read(&bytes, start, encoding, skip).expect("good data"), expected, "{start:?} {encoding:?}");
+        }
+    }
+
+    #[test]
+    fn every_truncation_is_noticed() {
+        for (bytes, encoding) in
+            [(SIX.to_vec(), Encoding::Plain), (gzip(&SIX), Encoding::Gzip), (zlib(&SIX), Encoding::Zlib(None))]
+        {
+            for length in 0..bytes.len() {
+                let message = read(&bytes[..length], Start::Offset(0), encoding, 0).expect_err("truncated").to_string();
+                assert!(
+                    message.contains("expected 6 bytes (3 x 1 x 1 of u16be)") && message.contains("found"),
+                    "{message}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_trailing_byte_is_noticed() {
+        for (bytes, encoding) in [
+            ([SIX.as_slice(), &[0]].concat(), Encoding::Plain),
+            (gzip(&[SIX.as_slice(), &[0]].concat()), Encoding::Gzip),
+            ([gzip(&SIX), vec![7]].concat(), Encoding::Gzip),
+            (zlib(&[SIX.as_slice(), &[0]].concat()), Encoding::Zlib(None)),
+            ([zlib(&SIX), vec![0]].concat(), Encoding::Zlib(None)),
+        ] {
+            let message = read(&bytes, Start::Offset(0), encoding, 0).expect_err("too long").to_string();
+            assert!(message.contains("expected") && message.contains("found"), "{message}");
+        }
+    }
+
+    #[test]
+    fn flipped_bits_never_give_other_numbers() {
+        let expected = Scalars::U16(vec![1, 256, 65534]);
+        for (bytes, encoding) in [(gzip(&SIX), Encoding::Gzip), (zlib(&SIX), Encoding::Zlib(None))] {
+            let mut unnoticed = 0;
+            // Behind gzip's ten bytes of header: of those, time and system may be anything.
+            let start = if encoding == Encoding::Gzip { 10 } else { 0 };
+            for byte in start..bytes.len() {
+                for bit in 0..8 {
+                    let mut flipped = bytes.clone();
+                    flipped[byte] ^= 1 << bit;
+                    if let Ok(numbers) = read(&flipped, Start::Offset(0), encoding, 0) {
+                        assert_eq!(numbers, expected, "{encoding:?} byte {byte} bit {bit}");
+                        unnoticed += 1;
+                    }
+                }
+            }
+            // The bits that fill deflate's last byte have no meaning.
+            assert!(unnoticed < 8, "{encoding:?}: {unnoticed} flipped bits went unnoticed");
+        }
+    }
+
+    #[test]
+    fn a_long_array_takes_no_more_memory_than_it_needs() {
+        let stored = StoredType { scalar_type: ScalarType::U8, byte_order: ByteOrder::Little };
+        let bytes = vec![7; 5 * CHUNK_BYTES + 3];
+        let dims = [bytes.len() as u32, 1, 1];
+        let payload = Payload {
+            path: Path::new("none"),
+            start: Start::Offset(0),
+            encoding: Encoding::Gzip,
+            decoded_skip: 0,
+            dims,
+            stored,
+            hint: "",
+        };
+        let numbers: Vec<u8> = Decoding::new(&payload, &mut bytes.as_slice(), false).numbers().expect("all there");
+        assert_eq!(numbers, bytes);
+        assert_eq!(numbers.capacity(), bytes.len());
+    }
+}

@@ -1,0 +1,136 @@
+//! Headerless volumes: the caller says how the numbers lie.
+
+use std::fmt;
+use std::io::Read;
+use std::path::Path;
+use std::str::FromStr;
+
+use voxrole_pack::{GridGeometry, ScalarType};
+
+use super::payload::{self, Encoding, Payload, Start};
+use super::placement;
+use crate::{Error, Grid, Result};
+
+/// Order of a number's bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ByteOrder {
+    /// Least significant byte first.
+    #[default]
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+/// How one number is stored in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoredType {
+    /// The number's type.
+    pub scalar_type: ScalarType,
+    /// The order of its bytes; of no meaning for one byte.
+    pub byte_order: ByteOrder,
+}
+
+impl FromStr for StoredType {
+    type Err = Error;
+
+    /// `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `f32` or `f64`, followed by `le`, `be` or nothing, which is `le`.
+    fn from_str(text: &str) -> Result<Self> {
+        let (name, byte_order) = match (text.strip_suffix("le"), text.strip_suffix("be")) {
+            (Some(name), _) => (name, ByteOrder::Little),
+            (_, Some(name)) => (name, ByteOrder::Big),
+            _ => (text, ByteOrder::Little),
+        };
+        let scalar_type = ScalarType::from_name(name).ok_or_else(|| {
+            let names = ScalarType::ALL.map(ScalarType::name).join(", ");
+            Error::Parameter(format!(
+                "unknown type of number {text:?}: expected one of {names}, with `be` behind it for big-endian numbers"
+            ))
+        })?;
+        Ok(Self { scalar_type, byte_order })
+    }
+}
+
+impl fmt::Display for StoredType {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let suffix = match (self.scalar_type.size_in_bytes(), self.byte_order) {
+            (1, _) => "",
+            (_, ByteOrder::Little) => "le",
+            (_, ByteOrder::Big) => "be",
+        };
+        write!(formatter, "{}{suffix}", self.scalar_type.name())
+    }
+}
+
+/// What a headerless file does not say itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawLayout {
+    /// Number of voxels along x, y, z; x is fastest in the file.
+    pub dims: [u32; 3],
+    /// How one number is stored.
+    pub scalar: StoredType,
+    /// Distance between neighbouring voxels along each axis.
+    pub spacing: [f64; 3],
+    /// Bytes before the first number: of the unpacked content, where the file is gzipped.
+    pub skip_bytes: u64,
+}
+
+const HINT: &str = "check --dims, --dtype and --skip-bytes";
+
+/// Reads a headerless file, gzipped or not.
+///
+/// # Errors
+/// As [`super::read_volume`].
+pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<Grid> {
+    let RawLayout { dims, scalar: stored, spacing, skip_bytes } = *layout;
+    let geometry = GridGeometry::axis_aligned(dims, spacing);
+    geometry.validate().map_err(|error| {
+        Error::Parameter(format!(
+            "{}: expected a usable grid, found {error}; check --dims and --spacing",
+            path.display()
+        ))
+    })?;
+    let mut payload = Payload {
+        path,
+        start: Start::Offset(skip_bytes),
+        encoding: Encoding::Plain,
+        decoded_skip: 0,
+        dims,
+        stored,
+        hint: HINT,
+    };
+    // Plain numbers may happen to begin like a gzip file: a length that fits exactly says that they are plain.
+    let fits = payload.expected_bytes().checked_add(skip_bytes);
+    let (mut file, length) = payload::open(path)?;
+    let mut magic = [0; payload::GZIP_MAGIC.len()];
+    if fits != Some(length) && file.read_exact(&mut magic).is_ok() && magic == payload::GZIP_MAGIC {
+        payload = Payload { start: Start::Offset(0), encoding: Encoding::Gzip, decoded_skip: skip_bytes, ..payload };
+    }
+    placement::grid(path, geometry, payload.read()?, 1.0, 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn types_are_read_and_written_alike() {
+        for scalar_type in ScalarType::ALL {
+            for byte_order in [ByteOrder::Little, ByteOrder::Big] {
+                let stored = StoredType { scalar_type, byte_order };
+                let parsed: StoredType = stored.to_string().parse().expect("its own name");
+                assert_eq!(parsed.scalar_type, scalar_type);
+                assert!(scalar_type.size_in_bytes() == 1 || parsed == stored, "{stored}");
+            }
+        }
+        let plain: StoredType = "u16".parse().expect("little-endian by default");
+        assert_eq!(plain, "u16le".parse().expect("the same, spelt out"));
+    }
+
+    #[test]
+    fn unknown_types_are_refused() {
+        for text in ["", "be", "u64", "U16", "u16 be", "f16le", "u16bele"] {
+            let message = text.parse::<StoredType>().expect_err(text).to_string();
+            assert!(message.contains("expected one of u8, i8, u16"), "{message}");
+        }
+    }
+}

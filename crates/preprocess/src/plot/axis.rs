@@ -1,0 +1,219 @@
+//! Axes: the bins that are shown, and ticks that a person can read.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use voxrole_pack::HistogramAxis;
+
+/// How many ticks an axis should have at most.
+const MOST_TICKS: f64 = 9.0;
+/// Share of its occupied bins that a zoomed axis shows beside them, on either side.
+const ZOOM_MARGIN: f64 = 0.05;
+
+/// The bins of an axis that are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BinWindow {
+    /// First bin drawn.
+    pub first: usize,
+    /// One past the last bin drawn.
+    pub end: usize,
+    /// Value at the lower edge of the first bin.
+    pub low: f64,
+    /// Value at the upper edge of the last bin.
+    pub high: f64,
+    /// Whether bins were left out.
+    pub zoomed: bool,
+}
+
+impl BinWindow {
+    /// The whole axis; or, where the occupied bins span less than half of it, those and 5 % more on either side.
+    pub fn around(axis: &HistogramAxis, occupied: Option<Range<usize>>) -> Self {
+        let bins = axis.bins as usize;
+        let mut window = Self { first: 0, end: bins, low: axis.low, high: axis.high, zoomed: false };
+        let Some(occupied) = occupied.filter(|occupied| 2 * occupied.len() < bins) else { return window };
+        let margin = ((occupied.len() as f64 * ZOOM_MARGIN).ceil() as usize).max(1);
+        window.first = occupied.start.saturating_sub(margin);
+        window.end = (occupied.end + margin).min(bins);
+        window.zoomed = window.first > 0 || window.end < bins;
+        if window.first > 0 {
+            window.low = (window.first as f64).mul_add(axis.bin_width(), axis.low);
+        }
+        if window.end < bins {
+            window.high = (window.end as f64).mul_add(axis.bin_width(), axis.low);
+        }
+        window
+    }
+
+    /// The bins that pixel `pixel` of `pixels` shows: at least one, and every bin is on a pixel.
+    pub fn bins_of_pixel(&self, pixel: usize, pixels: usize) -> Range<usize> {
+        let bins = self.end - self.first;
+        if bins <= pixels {
+            let bin = self.first + (2 * pixel + 1) * bins / (2 * pixels);
+            return bin..bin + 1;
+        }
+        self.first + pixel * bins / pixels..self.first + ((pixel + 1) * bins).div_ceil(pixels)
+    }
+}
+
+/// An axis with ticks at stated places.
+#[derive(Clone, Debug)]
+pub(super) struct TickedAxis {
+    low: f64,
+    high: f64,
+    ticks: Vec<(f64, String)>,
+}
+
+impl TickedAxis {
+    /// A linear axis with ticks at multiples of 1, 2 or 5 times a power of ten.
+    pub fn linear(low: f64, high: f64) -> Self {
+        let step = round_step((high - low) / MOST_TICKS);
+        let largest = low.abs().max(high.abs());
+        // A multiple of the step may miss the axis' end by its rounding.
+        let slack = 1e-6 * step;
+        let first = ((low - slack) / step).ceil();
+        let ticks = (0..=MOST_TICKS as usize)
+            .map(|count| (first + count as f64) * step)
+            .filter(|tick| (low - slack..=high + slack).contains(tick))
+            .map(|tick| (tick, tick_label(tick, step, largest)))
+            .collect();
+        Self { low, high, ticks }
+    }
+
+    /// An axis of decimal logarithms of counts, from that of `low` to that of `high`, with ticks at round counts.
+    pub fn log_counts(low: f64, high: f64) -> Self {
+        let decades = (high.log10() - low.log10()).max(0.0);
+        let factors: &[f64] = if decades <= 3.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+        let stride = (decades / MOST_TICKS).ceil().max(1.0) as usize;
+        let ticks = (0..=20)
+            .step_by(stride)
+            .flat_map(|decade| factors.iter().map(move |factor| factor * 10_f64.powi(decade)))
+            .filter(|count| (low..=high).contains(count))
+            .map(|count| (count.log10(), count_label(count)))
+            .collect();
+        Self { low: low.log10(), high: high.log10(), ticks }
+    }
+}
+
+impl Ranged for TickedAxis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let share = ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0);
+        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let places = self.ticks.iter().map(|(place, _)| *place);
+        if hint.weight().allow_light_points() { Vec::new() } else { places.collect() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for TickedAxis {
+    fn format_ext(&self, value: &f64) -> String {
+        self.ticks.iter().find(|(place, _)| place == value).map(|(_, label)| label.clone()).unwrap_or_default()
+    }
+}
+
+/// The smallest of 1, 2 and 5 times a power of ten that is at least `step`.
+fn round_step(step: f64) -> f64 {
+    let power = 10_f64.powf(step.log10().floor());
+    [1.0, 2.0, 5.0].into_iter().map(|factor| factor * power).find(|round| *round >= step).unwrap_or(10.0 * power)
+}
+
+/// A tick's number with just the digits that `step` needs; as a power of ten where the axis reaches a million or stays
+/// below a thousandth.
+fn tick_label(tick: f64, step: f64, largest: f64) -> String {
+    if tick.abs() < 0.5 * step {
+        return "0".to_owned();
+    }
+    let step_exponent = (step.log10() + 1e-9).floor();
+    if !(1e-3..1e6).contains(&largest) {
+        let digits = (tick.abs().log10() + 1e-9).floor() - step_exponent;
+        return format!("{tick:.*e}", digits.clamp(0.0, 15.0) as usize);
+    }
+    format!("{tick:.*}", (-step_exponent).clamp(0.0, 15.0) as usize)
+}
+
+/// A round count; as a power of ten from a million, which leaves room for the axis' title.
+fn count_label(count: f64) -> String {
+    if count < 1e6 { group_thousands(count as u64) } else { format!("{count:.0e}") }
+}
+
+/// A whole number in groups of three digits.
+pub(super) fn group_thousands(number: u64) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::with_capacity(digits.len() + digits.len() / 3);
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(axis: &TickedAxis) -> Vec<&str> {
+        axis.ticks.iter().map(|(_, label)| label.as_str()).collect()
+    }
+
+    #[test]
+    fn ticks_are_round() {
+        assert_eq!(
+            labels(&TickedAxis::linear(0.0, 1.0)),
+            ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"].map(|label| { if label == "0.0" { "0" } else { label } })
+        );
+        assert_eq!(labels(&TickedAxis::linear(0.0, 0.3)).last(), Some(&"0.30"));
+        assert_eq!(labels(&TickedAxis::linear(-15.0, 15.0)), ["-15", "-10", "-5", "0", "5", "10", "15"]);
+        assert_eq!(
+            labels(&TickedAxis::linear(0.0, 4e6)),
+            ["0", "5e5", "1.0e6", "1.5e6", "2.0e6", "2.5e6", "3.0e6", "3.5e6", "4.0e6"]
+        );
+        assert_eq!(labels(&TickedAxis::linear(3e-7, 5.1e-7)), ["3.0e-7", "3.5e-7", "4.0e-7", "4.5e-7", "5.0e-7"]);
+        assert_eq!(labels(&TickedAxis::log_counts(1.0, 12_345_678.0)).last(), Some(&"1e7"));
+        assert_eq!(labels(&TickedAxis::log_counts(1.0, 12_345_678.0))[5], "100,000");
+        assert_eq!(labels(&TickedAxis::log_counts(0.5, 30.0)), ["1", "2", "5", "10", "20"]);
+    }
+
+    #[test]
+    fn extreme_axes_end_and_have_few_ticks() {
+        for (low, high) in [(1e16, 1e16 + 2.0), (-1e300, 1e300), (0.0, 1e-300), (1.0, 1.0 + f64::EPSILON)] {
+            assert!(TickedAxis::linear(low, high).ticks.len() <= 10, "{low} {high}");
+        }
+        assert!(TickedAxis::log_counts(1.0, u64::MAX as f64).ticks.len() <= 21);
+    }
+
+    #[test]
+    fn a_mostly_empty_axis_is_zoomed() {
+        let axis = HistogramAxis { low: 0.0, high: 100.0, bins: 100 };
+        let whole = BinWindow { first: 0, end: 100, low: 0.0, high: 100.0, zoomed: false };
+        assert_eq!(BinWindow::around(&axis, Some(30..80)), whole);
+        assert_eq!(BinWindow::around(&axis, None), whole);
+        let zoomed = BinWindow { first: 0, end: 42, low: 0.0, high: 42.0, zoomed: true };
+        assert_eq!(BinWindow::around(&axis, Some(0..40)), zoomed);
+        assert_eq!(BinWindow::around(&axis, Some(99..100)).first, 98);
+    }
+
+    #[test]
+    fn every_bin_is_on_a_pixel() {
+        for (bins, pixels) in [(3, 700), (256, 700), (699, 700), (701, 700), (4096, 700), (1, 1)] {
+            let axis = HistogramAxis { low: 0.0, high: 1.0, bins: bins as u32 };
+            let window = BinWindow::around(&axis, None);
+            let mut next = 0;
+            for pixel in 0..pixels {
+                let shown = window.bins_of_pixel(pixel, pixels);
+                assert!(shown.start <= next && !shown.is_empty(), "{bins} {pixels} {pixel}: {shown:?} after {next}");
+                next = shown.end;
+            }
+            assert_eq!(next, bins);
+        }
+    }
+}

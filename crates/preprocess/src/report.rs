@@ -1,0 +1,109 @@
+//! What a run did, as `--report` writes it.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+/// Time, work and outcome of a run. All but the seconds are the same for any number of threads.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// The input's file name.
+    pub input: String,
+    /// Voxels along x, y, z.
+    pub dims: [u32; 3],
+    /// Threads used.
+    pub threads: usize,
+    /// Seconds of each stage, in order.
+    pub stages: Vec<Stage>,
+    /// Seconds in total.
+    pub seconds: f64,
+    /// Estimated noise as a share of the value range; absent when no filter needed it.
+    pub noise_share: Option<f64>,
+    /// σr used, as a share of the filtered fields' ranges, by field; absent without a bilateral filter.
+    pub range_sigma: Vec<FieldSigma>,
+    /// Voxels and cells.
+    pub counts: Counts,
+    /// Length of the packed file.
+    pub file_bytes: u64,
+}
+
+/// One stage.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stage {
+    /// Its name.
+    pub name: &'static str,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+/// The σr of one filtered field.
+#[derive(Clone, Debug, Serialize)]
+pub struct FieldSigma {
+    /// The field.
+    pub field: &'static str,
+    /// σr over the field's range; 0 means that the filter left it as it was.
+    pub share: f64,
+}
+
+/// Deterministic counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// All voxels.
+    pub voxels: u64,
+    /// Voxels whose stencil holds NaN or ±Inf.
+    pub masked: u64,
+    /// Voxels without a gradient above rounding.
+    pub flat: u64,
+    /// Voxels whose rays met no mixed cell: nothing was sampled.
+    pub skipped: u64,
+    /// Voxels for which samples were taken.
+    pub traced: u64,
+    /// Samples taken along rays, bisection included.
+    pub samples: u64,
+    /// Voxels with a boundary.
+    pub hits: u64,
+    /// Voxels without one that are not masked.
+    pub misses: u64,
+    /// Cells of eight voxels.
+    pub cells: u64,
+    /// Cells in which f'' changes sign.
+    pub mixed_cells: u64,
+}
+
+/// Times stages.
+pub struct Stopwatch {
+    stages: Vec<Stage>,
+    start: Instant,
+}
+
+impl Default for Stopwatch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Stopwatch {
+    /// Starts with the first stage.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { stages: Vec::new(), start: Instant::now() }
+    }
+
+    /// Ends the stage that runs since the last call.
+    pub fn lap(&mut self, name: &'static str) {
+        self.stages.push(Stage { name, seconds: self.start.elapsed().as_secs_f64() });
+        self.start = Instant::now();
+    }
+
+    /// Seconds of all stages so far.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.stages.iter().map(|stage| stage.seconds).sum()
+    }
+
+    /// All stages.
+    #[must_use]
+    pub fn into_stages(self) -> Vec<Stage> {
+        self.stages
+    }
+}

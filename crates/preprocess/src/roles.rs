@@ -1,0 +1,111 @@
+//! The role of every voxel of a volume.
+
+use rayon::prelude::*;
+use voxrole_pack::error::vec_with_capacity;
+use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
+
+use crate::Result;
+use crate::boundary::{Role, Tracer, Work};
+use crate::progress::Progress;
+
+/// Roles of all voxels, x fastest, in working units.
+#[derive(Clone, Debug)]
+pub struct Roles {
+    /// Signed distance in multiples of L_min; NaN without a boundary, infinite for masked voxels.
+    pub distance: Vec<f32>,
+    /// Gradient magnitude at the hit; NaN without one.
+    pub hit_gradient: Vec<f32>,
+    /// Value at the hit; NaN without one.
+    pub hit_value: Vec<f32>,
+    /// Octahedral n, [`NO_NORMAL`] without a boundary.
+    pub normal: Vec<u16>,
+    /// What there was to do.
+    pub work: Work,
+    /// Voxels with a boundary.
+    pub hits: u64,
+    /// Voxels with a NaN or infinite sample in their stencil.
+    pub masked: u64,
+}
+
+/// Marks a masked voxel in [`Roles::distance`].
+pub const MASKED: f32 = f32::INFINITY;
+
+impl Roles {
+    /// Traces every voxel of a volume of `dims` voxels, one slice at a time on every thread.
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when memory runs out.
+    pub fn new(tracer: &Tracer<'_>, dims: [usize; 3], progress: &dyn Progress) -> Result<Self> {
+        let [nx, ny, nz] = dims;
+        let count = nx * ny * nz;
+        let floats = || -> Result<Vec<f32>> {
+            let mut values = vec_with_capacity(count, "the voxel roles")?;
+            values.resize(count, f32::NAN);
+            Ok(values)
+        };
+        let mut roles = Self {
+            distance: floats()?,
+            hit_gradient: floats()?,
+            hit_value: floats()?,
+            normal: vec![NO_NORMAL; count],
+            work: Work::default(),
+            hits: 0,
+            masked: 0,
+        };
+        progress.begin("rays", nz as u64);
+        let slice = nx * ny;
+        let totals = roles
+            .distance
+            .par_chunks_mut(slice)
+            .zip(roles.hit_gradient.par_chunks_mut(slice))
+            .zip(roles.hit_value.par_chunks_mut(slice))
+            .zip(roles.normal.par_chunks_mut(slice))
+            .enumerate()
+            .map(|(k, (((distance, hit_gradient), hit_value), normal))| {
+                let mut totals = Totals::default();
+                for voxel in 0..slice {
+                    match tracer.role([voxel % nx, voxel / nx, k], &mut totals.work) {
+                        Role::Masked => {
+                            distance[voxel] = MASKED;
+                            totals.masked += 1;
+                        }
+                        Role::Miss => {}
+                        Role::Hit(hit) => {
+                            distance[voxel] = hit.distance;
+                            hit_gradient[voxel] = hit.gradient_magnitude;
+                            hit_value[voxel] = hit.value;
+                            normal[voxel] = encode_normal(hit.normal);
+                            totals.hits += 1;
+                        }
+                    }
+                }
+                progress.step();
+                totals
+            })
+            .reduce(Totals::default, Totals::plus);
+        (roles.work, roles.hits, roles.masked) = (totals.work, totals.hits, totals.masked);
+        Ok(roles)
+    }
+
+    /// Voxels without a boundary that are not masked.
+    #[must_use]
+    pub fn misses(&self) -> u64 {
+        self.distance.len() as u64 - self.hits - self.masked
+    }
+}
+
+#[derive(Clone, Copy, Default)]
+struct Totals {
+    work: Work,
+    hits: u64,
+    masked: u64,
+}
+
+impl Totals {
+    fn plus(mut self, other: Self) -> Self {
+        self.work += other.work;
+        self.hits += other.hits;
+        self.masked += other.masked;
+        self
+    }
+}

@@ -1,0 +1,152 @@
+//! What a run is asked to do.
+
+use std::fmt;
+
+use crate::{Error, Result};
+
+/// Which rule set computes the roles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The paper as printed: bilateral filter on g and f'', literal climbing rule, two rays for every voxel.
+    Paper,
+    /// No smoothing, release climbing rule, exact skipping.
+    Fast,
+}
+
+/// Where smoothing is applied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Smoothing {
+    /// Nowhere.
+    None,
+    /// Bilateral filter on gradient magnitude and second derivative, eqs. (3)–(5) of the paper.
+    BilateralDerivatives,
+    /// Bilateral filter on the value.
+    BilateralValue,
+    /// Gaussian on the value.
+    GaussianValue,
+}
+
+/// What stops a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Climb {
+    /// A fall of the sampled gradient magnitude.
+    Literal,
+    /// Only a rise along the other ray.
+    Release,
+}
+
+/// A smoothing filter's reach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmoothingSettings {
+    /// Where it is applied.
+    pub placement: Smoothing,
+    /// σd in multiples of L_min.
+    pub spatial_sigma: f64,
+    /// σr as a share of the filtered field's range, or `None` to take it from the estimated noise.
+    pub range_sigma: Option<f64>,
+    /// Neighbours on each side along each axis, in voxels.
+    pub radius: usize,
+}
+
+impl SmoothingSettings {
+    /// Defaults for a placement: a bilateral filter of σd = 1 and radius 2 (the neighbourhood holds 95 % of the weight
+    /// along an axis), a Gaussian of σ = 1.5 and radius 5.
+    #[must_use]
+    pub fn new(placement: Smoothing) -> Self {
+        let (spatial_sigma, radius) = if placement == Smoothing::GaussianValue { (1.5, 5) } else { (1.0, 2) };
+        Self { placement, spatial_sigma, range_sigma: None, radius }
+    }
+}
+
+/// Everything that shapes the result of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The rule set that the other defaults came from.
+    pub method: Method,
+    /// Smoothing.
+    pub smoothing: SmoothingSettings,
+    /// What stops a ray.
+    pub climb: Climb,
+    /// Distance between samples along a ray, in multiples of L_min; at most 1.
+    pub step: f64,
+    /// Length of a ray in multiples of L_min.
+    pub d_max: f64,
+    /// Whether gradient magnitude and second derivative are stored as layers of their own.
+    pub keep_derivatives: bool,
+    /// Whether work that cannot hit is skipped; the result is the same.
+    pub skip: bool,
+}
+
+/// The longest ray, in multiples of L_min.
+pub const LARGEST_D_MAX: f64 = 1000.0;
+
+impl Settings {
+    /// The defaults of a method: step L_min/5 and d_max = 15·L_min as in the paper.
+    #[must_use]
+    pub fn new(method: Method) -> Self {
+        let (placement, climb) = match method {
+            Method::Paper => (Smoothing::BilateralDerivatives, Climb::Literal),
+            Method::Fast => (Smoothing::None, Climb::Release),
+        };
+        Self {
+            method,
+            smoothing: SmoothingSettings::new(placement),
+            climb,
+            step: 0.2,
+            d_max: 15.0,
+            keep_derivatives: false,
+            skip: true,
+        }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`], naming the option as on the command line.
+    pub fn validate(&self) -> Result<()> {
+        let inside = |option: &str, value: f64, low: f64, high: f64| {
+            if value > low && value <= high {
+                Ok(())
+            } else {
+                Err(Error::Parameter(format!("{option} {value}: give a number above {low} and up to {high}")))
+            }
+        };
+        inside("--step", self.step, 0.0, 1.0)?;
+        inside("--dmax", self.d_max, 0.0, LARGEST_D_MAX)?;
+        if self.d_max < self.step {
+            return Err(Error::Parameter(format!("--dmax {} is shorter than --step {}", self.d_max, self.step)));
+        }
+        inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 100.0)?;
+        inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
+        self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, f64::MAX))
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Paper => "paper",
+            Self::Fast => "fast",
+        })
+    }
+}
+
+impl fmt::Display for Smoothing {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::None => "none",
+            Self::BilateralDerivatives => "bilateral-derivatives",
+            Self::BilateralValue => "bilateral-value",
+            Self::GaussianValue => "gaussian-value",
+        })
+    }
+}
+
+impl fmt::Display for Climb {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Literal => "literal",
+            Self::Release => "release",
+        })
+    }
+}

@@ -1,0 +1,149 @@
+//! Whatever is done to a good file, reading it ends with a volume or an error, never with a panic.
+
+use std::fs;
+
+use proptest::prelude::*;
+use proptest::sample::Index;
+use voxrole_pack::ScalarType;
+use voxrole_preprocess::io::{ByteOrder, RawLayout, StoredType, read_volume};
+
+use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
+
+const I16: StoredType = StoredType { scalar_type: ScalarType::I16, byte_order: ByteOrder::Big };
+/// Numbers that readers have stumbled over.
+const HOSTILE: [&str; 14] = [
+    "-1",
+    "0",
+    "-0",
+    "2147483648",
+    "4294967296",
+    "9223372036854775807",
+    "-9223372036854775808",
+    "99999999999999999999",
+    "nan",
+    "inf",
+    "1e308",
+    "1e-308",
+    "",
+    "none",
+];
+
+/// One change to a file's bytes.
+#[derive(Clone, Debug)]
+enum Damage {
+    Set(Index, u8),
+    FlipBit(Index, u8),
+    Truncate(Index),
+    Remove(Index, u8),
+    Repeat(Index, u8),
+    /// Replaces the first run of digits from here on.
+    Number(Index, &'static str),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let index = any::<Index>;
+    prop_oneof![
+        (index(), any::<u8>()).prop_map(|(at, byte)| Damage::Set(at, byte)),
+        (index(), 0_u8..8).prop_map(|(at, bit)| Damage::FlipBit(at, bit)),
+        index().prop_map(Damage::Truncate),
+        (index(), any::<u8>()).prop_map(|(at, count)| Damage::Remove(at, count)),
+        (index(), any::<u8>()).prop_map(|(at, count)| Damage::Repeat(at, count)),
+        (index(), prop::sample::select(&HOSTILE[..])).prop_map(|(at, number)| Damage::Number(at, number)),
+    ]
+}
+
+impl Damage {
+    fn apply(&self, bytes: &mut Vec<u8>) {
+        if bytes.is_empty() {
+            return;
+        }
+        let len = bytes.len();
+        let range = |at: &Index, count: u8| at.index(len)..(at.index(len) + usize::from(count)).min(len);
+        match self {
+            Self::Set(at, byte) => bytes[at.index(len)] = *byte,
+            Self::FlipBit(at, bit) => bytes[at.index(len)] ^= 1 << bit,
+            Self::Truncate(at) => bytes.truncate(at.index(len)),
+            Self::Remove(at, count) => drop(bytes.drain(range(at, *count))),
+            Self::Repeat(at, count) => {
+                let repeated = bytes[range(at, *count)].to_vec();
+                bytes.splice(at.index(len)..at.index(len), repeated);
+            }
+            Self::Number(at, number) => {
+                let is_part = |byte: &u8| byte.is_ascii_digit() || b"-.".contains(byte);
+                if let Some(start) = (at.index(len)..len).find(|&at| is_part(&bytes[at])) {
+                    let end = (start..len).find(|&at| !is_part(&bytes[at])).unwrap_or(len);
+                    bytes.splice(start..end, number.bytes());
+                }
+            }
+        }
+    }
+}
+
+/// Good files with their data files; damage goes to the first.
+fn good_files() -> Vec<Files> {
+    let data = bytes(&numbers(ScalarType::I16), ByteOrder::Big);
+    let space = "space: RAS\nspace directions: (0,2,0) (-3,0,0) (0,0,4)\nspace origin: (1,2,3)\nspace units: \"mm\" \"mm\" \"mm\"";
+    let nrrd = |lines: &str| nrrd_header(I16, lines).into_bytes();
+    let meta = |lines: &str| meta_header(I16, lines).into_bytes();
+    let nifti = Nifti {
+        codes: [1, 1],
+        quatern: [0.5, 0.5, 0.5, 1.0, 2.0, 3.0],
+        srow: [0.0, -3.0, 0.0, 10.0, 2.0, 0.0, 0.0, 20.0, 0.0, 0.0, 4.0, 30.0],
+        ..Nifti::new(I16)
+    };
+    let by_quaternion = Nifti { codes: [1, 0], ..nifti.clone() };
+    let pair = Nifti { magic: *b"ni1\0", vox_offset: 0.0, ..nifti.clone() };
+    let matrix = "TransformMatrix = 0 1 0 -1 0 0 0 0 1\nOffset = 1 2 3\nElementSpacing = 1 2 3\n";
+    vec![
+        Files::new([("a.nrrd", [nrrd(&format!("encoding: raw\n{space}")), data.clone()].concat())]),
+        Files::new([("a.nrrd", [nrrd(&format!("encoding: gzip\n{space}")), gzip(&data)].concat())]),
+        Files::new([
+            ("a.nhdr", nrrd("encoding: raw\nspacings: 1 2 3\nline skip: 1\nbyte skip: 2\ndata file: data.bin")),
+            ("data.bin", [b"a\nbc".as_slice(), &data].concat()),
+        ]),
+        Files::new([("a.mha", [meta(&format!("{matrix}ElementDataFile = LOCAL\n")), data.clone()].concat())]),
+        Files::new([
+            ("a.mhd", meta(&format!("{matrix}CompressedData = True\nHeaderSize = 0\nElementDataFile = a.zraw\n"))),
+            ("a.zraw", zlib(&data)),
+        ]),
+        Files::new([("a.nii", nifti.file())]),
+        Files::new([("a.nii", by_quaternion.file())]),
+        Files::new([("a.nii.gz", gzip(&nifti.file()))]),
+        Files::new([("a.hdr", pair.header()), ("a.img", data)]),
+    ]
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    for files in good_files() {
+        let path = files.path();
+        let good = fs::read(&path).expect("just written");
+        read_volume(&path, None).unwrap_or_else(|error| panic!("before any damage: {error}"));
+        proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
+            |(damages in prop::collection::vec(damage(), 1..4))| {
+                let mut bytes = good.clone();
+                damages.iter().for_each(|damage| damage.apply(&mut bytes));
+                fs::write(&path, &bytes).expect("written");
+                if let Err(error) = read_volume(&path, None) {
+                    prop_assert!(!error.to_string().is_empty());
+                }
+        });
+    }
+}
+
+#[test]
+fn any_raw_layout_never_panics() {
+    let data = bytes(&numbers(ScalarType::I16), ByteOrder::Big);
+    for file in [Files::new([("a.raw", data.clone())]), Files::new([("a.raw.gz", gzip(&data))])] {
+        let path = file.path();
+        let layout = RawLayout { dims: DIMS, scalar: I16, spacing: [1.0; 3], skip_bytes: 0 };
+        read_volume(&path, Some(&layout)).unwrap_or_else(|error| panic!("the right layout: {error}"));
+        let dim = prop_oneof![0_u32..6, any::<u32>()];
+        proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
+            |(dims in [dim.clone(), dim.clone(), dim.clone()], spacing in any::<[f64; 3]>(), any_spacing: bool, skip: u64, any_skip: bool)| {
+                let spacing = if any_spacing { spacing } else { [1.0; 3] };
+                let skip_bytes = if any_skip { skip } else { 0 };
+                let _ = read_volume(&path, Some(&RawLayout { dims, scalar: I16, spacing, skip_bytes }));
+        });
+    }
+}
