@@ -49,7 +49,7 @@ pub struct BoundaryHit {
 /// How much was done for a set of voxels; the same for any number of threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Voxels without a gradient above [`GRADIENT_FLOOR`].
+    /// Voxels without a gradient above the floor.
     pub flat: u64,
     /// Voxels whose rays met no cell in which they could hit.
     pub skipped: u64,
@@ -74,6 +74,7 @@ pub struct Tracer<'a> {
     gradient_magnitude: &'a [f32],
     second_derivative: &'a [f32],
     cells: Option<&'a CellDistances>,
+    gradient_floor: f32,
     stencils: Stencils,
     sampler: Sampler,
     dims: [usize; 3],
@@ -92,12 +93,14 @@ struct SignedRay {
 }
 
 impl<'a> Tracer<'a> {
-    /// A tracer over a field and its (possibly smoothed) derivatives. `cells` are those of the same f''.
+    /// A tracer over a field and its (possibly smoothed) derivatives. `cells` are those of the same f''. Gradients up to
+    /// `noise_floor` (or [`GRADIENT_FLOOR`], if that is more) are no boundary.
     #[must_use]
     pub fn new(
         field: &'a WorkingField,
         derivatives: &'a Derivatives,
         cells: &'a CellDistances,
+        noise_floor: f32,
         settings: &Settings,
     ) -> Self {
         let step = settings.step as f32;
@@ -107,6 +110,7 @@ impl<'a> Tracer<'a> {
             gradient_magnitude: voxels(&derivatives.gradient_magnitude),
             second_derivative: voxels(&derivatives.second_derivative),
             cells: leaps.then_some(cells),
+            gradient_floor: noise_floor.max(GRADIENT_FLOOR),
             stencils: Stencils::new(field),
             sampler: Sampler::new(field.dims()),
             dims: field.dims(),
@@ -127,7 +131,7 @@ impl<'a> Tracer<'a> {
         }
         let gradient = self.stencils.gradient(self.values, voxel);
         let magnitude = gradient.length();
-        if magnitude <= GRADIENT_FLOOR || self.gradient_magnitude[index] <= GRADIENT_FLOOR {
+        if magnitude <= GRADIENT_FLOOR || self.gradient_magnitude[index] <= self.gradient_floor {
             work.flat += 1;
             return Role::Miss;
         }
@@ -292,7 +296,7 @@ impl<'a> Tracer<'a> {
     fn hit(&self, up: SignedRay, t: f32, normal: Vec3) -> Option<BoundaryHit> {
         let place = self.sampler.place(&up.ray, t)?;
         let gradient_magnitude = self.sampler.trilinear(self.gradient_magnitude, &place);
-        (gradient_magnitude > GRADIENT_FLOOR).then(|| BoundaryHit {
+        (gradient_magnitude > self.gradient_floor).then(|| BoundaryHit {
             // A voxel from which the boundary lies upwards is on its low side.
             distance: -t,
             gradient_magnitude,

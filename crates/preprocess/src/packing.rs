@@ -15,7 +15,7 @@ use crate::directional_derivative::Derivatives;
 use crate::joint_histogram::{BINS, DISTANCE_BINS, count, value_axis, widened};
 use crate::roles::{MASKED, Roles};
 use crate::settings::Settings;
-use crate::smoothing::SmoothingFindings;
+use crate::smoothing::RangeSigmas;
 use crate::working_field::{WorkingField, voxels};
 use crate::{Error, Grid, Result};
 
@@ -34,8 +34,10 @@ pub struct Prepared<'a> {
     pub derivatives: Derivatives,
     /// The roles.
     pub roles: Roles,
-    /// What smoothing found out.
-    pub findings: SmoothingFindings,
+    /// Estimated noise of the input, in working units.
+    pub noise: f32,
+    /// σr of the bilaterally filtered fields.
+    pub range_sigmas: RangeSigmas,
 }
 
 impl Prepared<'_> {
@@ -223,19 +225,21 @@ impl Prepared<'_> {
 
     /// What shaped the result; skipping and threads do not.
     fn parameters(&self) -> Vec<Parameter> {
-        let Settings { method, smoothing, climb, step, d_max, .. } = self.settings;
+        let Settings { method, smoothing, climb, step, d_max, noise_floor, .. } = self.settings;
         let mut parameters = vec![
             ("method", method.to_string()),
             ("smooth", smoothing.placement.to_string()),
             ("climb", climb.to_string()),
             ("step", format!("{step} L_min")),
             ("dmax", format!("{d_max} L_min")),
+            ("noise", format!("{:.6e} (estimated)", f64::from(self.noise) * self.field.value_scale)),
+            ("noise-floor", format!("{noise_floor} times the gradient noise")),
         ];
         if smoothing.placement != crate::settings::Smoothing::None {
             parameters.push(("spatial-sigma", format!("{} L_min", smoothing.spatial_sigma)));
             parameters.push(("radius", format!("{} voxels", smoothing.radius)));
         }
-        for sigma in &self.findings.range_sigma {
+        for sigma in &self.range_sigmas {
             parameters.push(("range-sigma", format!("{:.6} of the range of {}", sigma.share, sigma.field)));
         }
         parameters.into_iter().map(|(name, value)| Parameter { name: name.into(), value }).collect()

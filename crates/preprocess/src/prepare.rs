@@ -4,12 +4,13 @@ use std::path::Path;
 
 use crate::boundary::Tracer;
 use crate::directional_derivative::derivatives;
+use crate::noise::noise_sigma;
 use crate::packing::Prepared;
 use crate::progress::Progress;
 use crate::report::{Counts, Report, Stopwatch};
 use crate::roles::Roles;
 use crate::settings::Settings;
-use crate::smoothing::{SmoothingFindings, smooth_derivatives, smooth_value};
+use crate::smoothing::{RangeSigmas, gradient_noise, smooth_derivatives, smooth_value};
 use crate::working_field::WorkingField;
 use crate::zero_crossing::CellDistances;
 use crate::{Grid, Result};
@@ -53,8 +54,8 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
         threads: rayon::current_num_threads(),
         seconds: watch.total(),
         stages: watch.into_stages(),
-        noise_share: prepared.findings.noise.map(|noise| f64::from(noise) / range_in_working.max(f64::MIN_POSITIVE)),
-        range_sigma: prepared.findings.range_sigma,
+        noise_share: f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE),
+        range_sigma: prepared.range_sigmas,
         counts,
         file_bytes,
     })
@@ -72,22 +73,25 @@ pub fn compute_roles<'a>(
 ) -> Result<(Prepared<'a>, Counts)> {
     settings.validate()?;
     let smoothing = &settings.smoothing;
-    let mut findings = SmoothingFindings::default();
+    let mut range_sigmas = RangeSigmas::new();
 
     progress.begin("smoothing and derivatives", 1);
     let mut field = WorkingField::new(grid)?;
     watch.lap("conversion");
-    smooth_value(&mut field, smoothing, &mut findings);
+    let noise = noise_sigma(&field);
+    watch.lap("noise estimate");
+    smooth_value(&mut field, noise, smoothing, &mut range_sigmas);
     watch.lap("value smoothing");
     let mut derivatives = derivatives(&field);
     watch.lap("derivatives");
-    smooth_derivatives(&field, &mut derivatives, smoothing, &mut findings);
+    smooth_derivatives(&mut derivatives, field.spacing, noise, smoothing, &mut range_sigmas);
     watch.lap("derivative smoothing");
     let cells = CellDistances::new(&derivatives.second_derivative);
     watch.lap("zero-crossing cells");
     progress.step();
 
-    let tracer = Tracer::new(&field, &derivatives, &cells, settings);
+    let floor = settings.noise_floor as f32 * gradient_noise(noise, smoothing);
+    let tracer = Tracer::new(&field, &derivatives, &cells, floor, settings);
     let roles = Roles::new(&tracer, field.dims(), progress)?;
     watch.lap("rays");
     let counts = Counts {
@@ -102,5 +106,5 @@ pub fn compute_roles<'a>(
         cells: cells.cells.len() as u64,
         mixed_cells: cells.mixed_count(),
     };
-    Ok((Prepared { grid, settings, field, derivatives, roles, findings }, counts))
+    Ok((Prepared { grid, settings, field, derivatives, roles, noise, range_sigmas }, counts))
 }

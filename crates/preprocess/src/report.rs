@@ -17,8 +17,8 @@ pub struct Report {
     pub stages: Vec<Stage>,
     /// Seconds in total.
     pub seconds: f64,
-    /// Estimated noise as a share of the value range; absent when no filter needed it.
-    pub noise_share: Option<f64>,
+    /// Estimated noise as a share of the value range.
+    pub noise_share: f64,
     /// σr used, as a share of the filtered fields' ranges, by field; absent without a bilateral filter.
     pub range_sigma: Vec<FieldSigma>,
     /// Voxels and cells.
@@ -52,7 +52,7 @@ pub struct Counts {
     pub voxels: u64,
     /// Voxels whose stencil holds NaN or ±Inf.
     pub masked: u64,
-    /// Voxels without a gradient above rounding.
+    /// Voxels without a gradient above rounding and noise.
     pub flat: u64,
     /// Voxels whose rays met no mixed cell: nothing was sampled.
     pub skipped: u64,

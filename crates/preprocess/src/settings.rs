@@ -71,6 +71,8 @@ pub struct Settings {
     pub step: f64,
     /// Length of a ray in multiples of L_min.
     pub d_max: f64,
+    /// Gradients up to this multiple of the estimated gradient noise are no boundary.
+    pub noise_floor: f64,
     /// Whether gradient magnitude and second derivative are stored as layers of their own.
     pub keep_derivatives: bool,
     /// Whether work that cannot hit is skipped; the result is the same.
@@ -84,9 +86,10 @@ impl Settings {
     /// The defaults of a method: step L_min/5 and d_max = 15·L_min as in the paper.
     #[must_use]
     pub fn new(method: Method) -> Self {
-        let (placement, climb) = match method {
-            Method::Paper => (Smoothing::BilateralDerivatives, Climb::Literal),
-            Method::Fast => (Smoothing::None, Climb::Release),
+        let (placement, climb, noise_floor) = match method {
+            Method::Paper => (Smoothing::BilateralDerivatives, Climb::Literal, 0.0),
+            // One voxel of pure noise in a thousand has a gradient above four deviations of its components.
+            Method::Fast => (Smoothing::None, Climb::Release, 4.0),
         };
         Self {
             method,
@@ -94,6 +97,7 @@ impl Settings {
             climb,
             step: 0.2,
             d_max: 15.0,
+            noise_floor,
             keep_derivatives: false,
             skip: true,
         }
@@ -118,6 +122,7 @@ impl Settings {
         }
         inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 100.0)?;
         inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
+        inside("--noise-floor", self.noise_floor, -f64::MIN_POSITIVE, 1e6)?;
         self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, f64::MAX))
     }
 }

@@ -75,6 +75,9 @@ pub struct PrepareArgs {
     /// Length of a ray in multiples of the smallest spacing.
     #[arg(long, value_name = "F", default_value_t = 15.0)]
     pub dmax: f64,
+    /// Gradients up to this multiple of the estimated gradient noise are no boundary [default: 0 for paper, 4 for fast].
+    #[arg(long, value_name = "F")]
+    pub noise_floor: Option<f64>,
     /// Store gradient magnitude and second derivative too.
     #[arg(long, value_enum)]
     pub keep: Option<KeepArg>,
@@ -272,6 +275,7 @@ pub enum AxisArg {
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum HistogramArg {
     /// Value, gradient magnitude.
+    #[value(name = "v-g")]
     VG,
     /// Value, second derivative.
     #[value(name = "v-f2")]

@@ -64,6 +64,7 @@ fn settings(args: &PrepareArgs) -> Settings {
             ClimbArg::Release => Climb::Release,
         };
     }
+    settings.noise_floor = args.noise_floor.unwrap_or(settings.noise_floor);
     Settings {
         step: args.step,
         d_max: args.dmax,
@@ -86,7 +87,7 @@ fn summarise(report: &Report, args: &PrepareArgs) {
         counts.masked
     );
     println!(
-        "  {} voxels traced with {} samples, {} skipped and {} without gradient",
+        "  {} voxels traced with {} samples, {} skipped, {} with no gradient above the noise",
         counts.traced, counts.samples, counts.skipped, counts.flat
     );
     println!(
