@@ -178,12 +178,12 @@ impl<'a> Tracer<'a> {
     /// The first sample at which g rises or falls, for a ray that starts where it does neither.
     fn leave_plateau(&self, signed: SignedRay, work: &mut Work) -> Option<(u32, Rise)> {
         for k in 1..=self.last_step {
-            let q = self.rise(signed, self.t(k), work)?;
+            let q = self.rise(signed, self.t(k), work).filter(|q| !q.is_nan())?;
             if q > 0.0 {
                 return Some((k, Rise::Rises));
             }
             if q < 0.0 {
-                let end = bisect(self.t(k - 1), self.t(k), |t| self.rise_inside(signed, t, work) >= 0.0);
+                let end = bisect(self.t(k - 1), self.t(k), |t| self.rise(signed, t, work).is_some_and(|q| q >= 0.0));
                 return Some((k, Rise::Falls(end)));
             }
         }
@@ -214,7 +214,7 @@ impl<'a> Tracer<'a> {
             work.samples += 1;
             let q = signed.sign * self.sampler.trilinear(self.second_derivative, &place);
             if q < 0.0 {
-                return Some(self.refine(signed, start, k, work));
+                return self.refine(signed, start, k, work);
             }
             if q.is_nan() {
                 return None;
@@ -225,19 +225,26 @@ impl<'a> Tracer<'a> {
     }
 
     /// Refines a crossing seen between samples `start`, where q is positive, and `k`, where it is negative. If q is 0 in
-    /// between, the crossing is the middle of that plateau.
-    fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> f32 {
+    /// between, the crossing is the middle of that plateau. `None` when a masked voxel lies in between: then what
+    /// changes the sign is unknown.
+    fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> Option<f32> {
+        let mut known = true;
+        let mut rise = |t: f32| {
+            let q = self.rise(signed, t, work).unwrap_or(f32::NAN);
+            known &= !q.is_nan();
+            q
+        };
         let mut last_positive = k - 1;
-        while last_positive > start && self.rise_inside(signed, self.t(last_positive), work) <= 0.0 {
+        while last_positive > start && rise(self.t(last_positive)) <= 0.0 {
             last_positive -= 1;
         }
-        let begin =
-            bisect(self.t(last_positive), self.t(last_positive + 1), |t| self.rise_inside(signed, t, work) > 0.0);
-        if last_positive + 1 == k {
-            return begin;
-        }
-        let end = bisect(self.t(k - 1), self.t(k), |t| self.rise_inside(signed, t, work) >= 0.0);
-        0.5 * (begin + end)
+        let begin = bisect(self.t(last_positive), self.t(last_positive + 1), |t| rise(t) > 0.0);
+        let crossing = if last_positive + 1 == k {
+            begin
+        } else {
+            0.5 * (begin + bisect(self.t(k - 1), self.t(k), |t| rise(t) >= 0.0))
+        };
+        known.then_some(crossing)
     }
 
     /// The paper's rule as printed: both rays go on step by step; one whose g has fallen is stopped, and the other goes on
@@ -283,7 +290,9 @@ impl<'a> Tracer<'a> {
         if q < 0.0
             && let Some(start) = ray.positive_at
         {
-            return Some(self.refine(ray.signed, start, k, work));
+            let crossing = self.refine(ray.signed, start, k, work);
+            ray.alive = crossing.is_some();
+            return crossing;
         }
         if q != 0.0 {
             ray.positive_at = (q > 0.0).then_some(k);
@@ -315,11 +324,6 @@ impl<'a> Tracer<'a> {
         work.samples += 1;
         Some(signed.sign * self.sampler.trilinear(self.second_derivative, &place))
     }
-
-    /// q(t) between two places that are known to be inside.
-    fn rise_inside(&self, signed: SignedRay, t: f32, work: &mut Work) -> f32 {
-        self.rise(signed, t, work).unwrap_or(f32::NAN)
-    }
 }
 
 /// What g does where a ray leaves a plateau of f''.
@@ -345,3 +349,6 @@ fn nearest(up: Option<f32>, down: Option<f32>) -> Option<f32> {
         (up, down) => up.or(down.map(|t| -t)),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,234 @@
+//! Whole packed files: round trips, and files that are damaged or lie.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+use voxrole_pack::header::{Parameter, Source, Statistics};
+use voxrole_pack::histogram::HistogramShape;
+use voxrole_pack::layer::Quantization;
+use voxrole_pack::prologue::{PROLOGUE_BYTES, Prologue};
+use voxrole_pack::writer::Description;
+use voxrole_pack::{
+    DistanceQuantization, Error, GridGeometry, Histogram, HistogramAxis, HistogramKind, HitGradientQuantization, Layer,
+    LayerKind, Limits, Reader, ScalarType, Scalars, Writer, with_scalars,
+};
+
+const DIMS: [u32; 3] = [35, 34, 3];
+
+struct Sample {
+    scalars: Scalars,
+    distance: Vec<i16>,
+    hit_gradient: Vec<u16>,
+    normal: Vec<u16>,
+}
+
+fn sample(scalar_type: ScalarType) -> Sample {
+    let voxels = DIMS.iter().product::<u32>();
+    let bytes: Vec<u8> = (0..voxels as usize * scalar_type.size_in_bytes())
+        .map(|byte| (byte.wrapping_mul(2_654_435_761) >> 7) as u8 & 0x3f)
+        .collect();
+    Sample {
+        scalars: Scalars::from_le_bytes(scalar_type, &bytes),
+        distance: (0..voxels).map(|voxel| (voxel as i16).wrapping_mul(31)).collect(),
+        hit_gradient: (0..voxels).map(|voxel| (voxel / 7) as u16).collect(),
+        normal: vec![0x8080; voxels as usize],
+    }
+}
+
+fn description() -> Description {
+    Description {
+        made_by: "test 1".into(),
+        source: Source { name: "sample.nrrd".into(), voxels_sha256: [7; 32] },
+        parameters: vec![Parameter { name: "step".into(), value: "0.2 L_min".into() }],
+        statistics: Statistics { value_range: [0.0, 63.0], max_gradient: 5.0, hits: 1, misses: 2, masked: 3 },
+    }
+}
+
+fn histogram() -> Histogram {
+    let axis = HistogramAxis { low: -1.0, high: 1.0, bins: 10 };
+    Histogram {
+        shape: HistogramShape { kind: HistogramKind::ValueGradient, axes: vec![axis; 2] },
+        counts: (0..100).collect(),
+    }
+}
+
+fn layer(kind: LayerKind, scalar_type: ScalarType, quantization: Quantization) -> Layer {
+    Layer { kind, scalar_type, quantization }
+}
+
+fn write(path: &Path, sample: &Sample) -> u64 {
+    let geometry = GridGeometry::axis_aligned(DIMS, [1.0, 1.0, 2.5]);
+    let mut writer = Writer::create(path, geometry).expect("creates");
+    let linear = Quantization::Linear { slope: 2.0, intercept: -1.0 };
+    with_scalars!(&sample.scalars, values => {
+        let value = layer(LayerKind::Value, sample.scalars.scalar_type(), linear);
+        writer.write_layer(value, values, |value| Some(f64::from(value))).expect("writes");
+    });
+    let distance = Quantization::Distance(DistanceQuantization { d_max: 15.0 });
+    writer
+        .write_layer(layer(LayerKind::Distance, ScalarType::I16, distance), &sample.distance, |_| None)
+        .expect("writes");
+    let hit = Quantization::HitGradient(HitGradientQuantization { low: 1.0, high: 2.0 });
+    writer
+        .write_layer(layer(LayerKind::HitGradient, ScalarType::U16, hit), &sample.hit_gradient, |_| None)
+        .expect("writes");
+    let normal = layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral);
+    writer.write_layer(normal, &sample.normal, |_| None).expect("writes");
+    writer.write_histogram(histogram()).expect("writes");
+    writer.finish(description()).expect("finishes")
+}
+
+fn written(scalar_type: ScalarType) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sample.vxr");
+    write(&path, &sample(scalar_type));
+    (folder, path)
+}
+
+#[test]
+fn every_type_survives_exactly() {
+    for scalar_type in ScalarType::ALL {
+        let (folder, path) = written(scalar_type);
+        let expected = sample(scalar_type);
+        let reader = Reader::open(&path).expect("opens");
+        assert_eq!(reader.read_value().expect("reads"), (expected.scalars, 2.0, -1.0), "{}", scalar_type.name());
+        assert_eq!(reader.read_layer::<i16>(LayerKind::Distance).expect("reads"), expected.distance);
+        assert_eq!(reader.read_layer::<u16>(LayerKind::HitGradient).expect("reads"), expected.hit_gradient);
+        assert_eq!(reader.read_layer::<u16>(LayerKind::Normal).expect("reads"), expected.normal);
+        assert_eq!(reader.read_histogram(HistogramKind::ValueGradient).expect("reads"), histogram());
+        assert_eq!(reader.header().parameters, description().parameters);
+        assert_eq!(reader.header().statistics, description().statistics);
+        assert_eq!(reader.verify().expect("is sound").bytes, fs::metadata(&path).expect("exists").len());
+        let names: Vec<_> = fs::read_dir(folder.path()).expect("lists").collect();
+        assert_eq!(names.len(), 1, "temporary files are left over: {names:?}");
+    }
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = [1, 2, 7].map(|threads| {
+        let path = folder.path().join(threads.to_string());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| write(&path, &sample(ScalarType::F32)));
+        fs::read(path).expect("reads")
+    });
+    assert!(bytes.iter().all(|other| *other == bytes[0]));
+}
+
+#[test]
+fn an_unfinished_file_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("unfinished.vxr");
+    drop(Writer::create(&path, GridGeometry::axis_aligned(DIMS, [1.0; 3])).expect("creates"));
+    assert_eq!(fs::read_dir(folder.path()).expect("lists").count(), 0);
+}
+
+#[test]
+fn what_is_not_there_is_said() {
+    let (_folder, path) = written(ScalarType::U8);
+    let reader = Reader::open(&path).expect("opens");
+    let message = reader.read_layer::<f32>(LayerKind::SecondDerivative).expect_err("is missing").to_string();
+    assert!(message.contains("second-derivative") && message.contains("--keep derivatives"), "{message}");
+    let message = reader.read_layer::<f32>(LayerKind::Value).expect_err("is u8").to_string();
+    assert!(message.contains("u8") && message.contains("f32"), "{message}");
+    assert!(matches!(reader.read_histogram(HistogramKind::Distance), Err(Error::Parameter(_))));
+    let missing = Reader::open(Path::new("no/such.vxr")).err().expect("fails");
+    assert!(matches!(missing, Error::Io { .. }));
+}
+
+fn fails(bytes: &[u8], folder: &Path) -> Option<Error> {
+    let path = folder.join("damaged.vxr");
+    fs::write(&path, bytes).expect("writes");
+    match Reader::open(&path) {
+        Ok(reader) => reader.verify().err(),
+        Err(error) => Some(error),
+    }
+}
+
+#[test]
+fn every_truncation_is_noticed() {
+    let (folder, path) = written(ScalarType::U16);
+    let whole = fs::read(&path).expect("reads");
+    for len in (0..whole.len()).step_by(97).chain(whole.len() - 5..whole.len()) {
+        assert!(matches!(fails(&whole[..len], folder.path()), Some(Error::Format(_))), "{len} of {}", whole.len());
+    }
+    let longer = [whole.as_slice(), &[0]].concat();
+    assert!(matches!(fails(&longer, folder.path()), Some(Error::Format(_))));
+}
+
+#[test]
+fn every_damaged_byte_is_noticed() {
+    let (folder, path) = written(ScalarType::U8);
+    let whole = fs::read(&path).expect("reads");
+    for place in (0..PROLOGUE_BYTES).chain((PROLOGUE_BYTES..whole.len()).step_by(23)) {
+        let mut damaged = whole.clone();
+        damaged[place] ^= 0x10;
+        assert!(fails(&damaged, folder.path()).is_some(), "byte {place} of {}", whole.len());
+    }
+}
+
+#[test]
+fn damage_is_named() {
+    let (folder, path) = written(ScalarType::U8);
+    let mut bytes = fs::read(&path).expect("reads");
+    let extent = Reader::open(&path).expect("opens").directory().layers[1][2].extent;
+    bytes[extent.offset as usize] ^= 1;
+    let message = fails(&bytes, folder.path()).expect("is noticed").to_string();
+    assert!(message.contains("brick 2 of layer `distance`") && message.contains("checksum"), "{message}");
+}
+
+/// Replaces bytes inside the header, or inside the directory, and makes all checksums right again.
+fn forge(whole: &[u8], in_header: bool, from: &[u8], to: &[u8]) -> Vec<u8> {
+    let mut bytes = whole.to_vec();
+    let mut start = [0; PROLOGUE_BYTES];
+    start.copy_from_slice(&bytes[..PROLOGUE_BYTES]);
+    let mut prologue = Prologue::from_bytes(&start).expect("is sound");
+    let table = if in_header { &mut prologue.header } else { &mut prologue.directory };
+    let range = table.offset as usize..table.offset as usize + table.bytes as usize;
+    let place = bytes[range.clone()].windows(from.len()).position(|window| window == from).expect("is there");
+    bytes[range.start + place..][..to.len()].copy_from_slice(to);
+    table.crc32 = crc32fast::hash(&bytes[range]);
+    bytes[..PROLOGUE_BYTES].copy_from_slice(&prologue.to_bytes());
+    bytes
+}
+
+fn le(numbers: &[u32]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+#[test]
+fn lies_are_refused_before_memory_is_asked_for() {
+    let (folder, path) = written(ScalarType::U8);
+    let whole = fs::read(&path).expect("reads");
+    let dims = le(&DIMS);
+    let spacing = 2.5_f64.to_le_bytes();
+    let d_max = 15.0_f32.to_le_bytes();
+    let first_brick = [(PROLOGUE_BYTES as u64).to_le_bytes().as_slice()].concat();
+    let name_length = [11_u64.to_le_bytes().as_slice(), b"sample.nrrd"].concat();
+    let huge_length = [u64::MAX.to_le_bytes().as_slice(), b"sample.nrrd"].concat();
+    for (what, in_header, from, to) in [
+        ("dims 2^31", true, dims.as_slice(), le(&[1 << 31; 3])),
+        ("dims of a terabyte", true, &dims, le(&[10_000; 3])),
+        ("dims 0", true, &dims, le(&[35, 0, 3])),
+        ("more bricks than the directory has", true, &dims, le(&[35, 34, 99])),
+        ("negative spacing", true, &spacing, (-2.5_f64).to_le_bytes().to_vec()),
+        ("spacing NaN", true, &spacing, f64::NAN.to_le_bytes().to_vec()),
+        ("d_max 0", true, &d_max, 0_f32.to_le_bytes().to_vec()),
+        ("a name of 2^64 bytes", true, &name_length, huge_length),
+        ("bins 0", true, &le(&[10]), le(&[0])),
+        ("a brick elsewhere", false, &first_brick, 1_u64.to_le_bytes().to_vec()),
+        ("a brick beyond the end", false, &first_brick, u64::MAX.to_le_bytes().to_vec()),
+    ] {
+        let error = fails(&forge(&whole, in_header, from, &to), folder.path());
+        assert!(matches!(error, Some(Error::Format(_) | Error::LimitsExceeded { .. })), "{what}: {error:?}");
+    }
+}
+
+#[test]
+fn limits_are_the_caller_s() {
+    let (_folder, path) = written(ScalarType::U8);
+    let limits = Limits { max_voxels: 100, ..Limits::default() };
+    assert!(matches!(Reader::open_with(&path, &limits), Err(Error::LimitsExceeded { found: 3570, .. })));
+}
