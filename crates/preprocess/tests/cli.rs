@@ -1,0 +1,293 @@
+//! The `voxrole` program as a user meets it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+struct Workplace {
+    folder: TempDir,
+}
+
+impl Workplace {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().expect("a folder") }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, line: &str) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_voxrole"))
+            .args(line.split_whitespace())
+            .current_dir(self.folder.path())
+            .output()
+            .expect("the program starts")
+    }
+
+    fn succeed(&self, line: &str) -> String {
+        let output = self.run(line);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{line}: {errors}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// Runs a command that must fail cleanly: exit code 1, no panic, nothing written. Returns its message.
+    fn fail(&self, line: &str) -> String {
+        let before = self.names();
+        let output = self.run(line);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{line}: {errors}");
+        assert!(!errors.contains("panicked"), "{line}: {errors}");
+        assert_eq!(self.names(), before, "{line} left a file behind");
+        errors
+    }
+
+    fn names(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.folder.path()).expect("lists");
+        let mut names: Vec<_> =
+            entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        fs::write(self.path(name), bytes).expect("writes");
+    }
+
+    fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).expect("reads")
+    }
+
+    fn prepared_ball(dims: &str) -> Self {
+        let workplace = Self::new();
+        workplace.succeed(&format!("phantom ball --dims {dims} --dtype u16 -o ball.nrrd --truth truth.nrrd"));
+        workplace.succeed("prepare ball.nrrd -o ball.vxr --keep derivatives --report report.json");
+        workplace
+    }
+}
+
+/// The numbers of an NRRD file as this program writes it.
+fn floats(path: &Path) -> Vec<f32> {
+    let bytes = fs::read(path).expect("reads");
+    let start = bytes.windows(2).position(|window| window == b"\n\n").expect("a header") + 2;
+    bytes[start..].chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect()
+}
+
+#[test]
+fn the_main_job() {
+    let workplace = Workplace::prepared_ball("24,20,22");
+    let info = workplace.succeed("info ball.vxr");
+    assert!(info.contains("24 x 20 x 22") && info.contains("second-derivative"), "{info}");
+    let json: serde_json::Value = serde_json::from_str(&workplace.succeed("info ball.vxr --json")).expect("is JSON");
+    assert_eq!(json["source"]["name"], "ball.nrrd");
+    assert!(workplace.succeed("verify ball.vxr").contains("sound"));
+    for kind in ["v-g", "v-f2", "v-hit", "hit-hit", "distance"] {
+        workplace.succeed(&format!("histogram ball.vxr --kind {kind} -o {kind}.png"));
+        let table = workplace.succeed(&format!("histogram ball.vxr --kind {kind} -o {kind}.csv"));
+        assert!(table.is_empty());
+        assert!(workplace.read(&format!("{kind}.png")).starts_with(b"\x89PNG"));
+        assert!(workplace.read(&format!("{kind}.csv")).len() > 50);
+    }
+    for field in ["value", "distance", "second-derivative", "hit-gradient"] {
+        workplace.succeed(&format!("slice ball.vxr --field {field} --axis y --index 10 -o {field}.png"));
+        assert!(workplace.read(&format!("{field}.png")).starts_with(b"\x89PNG"));
+    }
+    let report: serde_json::Value = serde_json::from_slice(&workplace.read("report.json")).expect("is JSON");
+    let count = |name: &str| report["counts"][name].as_u64().expect("a count");
+    assert_eq!(count("voxels"), 24 * 20 * 22);
+    assert_eq!(count("hits") + count("misses") + count("masked"), count("voxels"));
+    assert_eq!(count("flat") + count("skipped") + count("traced") + count("masked"), count("voxels"));
+    assert!(report["stages"].as_array().expect("stages").len() > 5);
+}
+
+#[test]
+fn exports_are_in_physical_units() {
+    let workplace = Workplace::prepared_ball("34,36,35");
+    let export = |field: &str| {
+        workplace.succeed(&format!("export ball.vxr --field {field} -o {field}.nrrd"));
+        floats(&workplace.path(&format!("{field}.nrrd")))
+    };
+    let voxels = 34 * 36 * 35;
+    let (distance, hit, role) = (export("distance"), export("hit-gradient"), export("role"));
+    let (value, g, f2) = (export("value"), export("gradient-magnitude"), export("second-derivative"));
+    let normal = export("normal");
+    assert!([&distance, &hit, &role, &value, &g, &f2].iter().all(|field| field.len() == voxels));
+    assert_eq!(normal.len(), 3 * voxels);
+    let truth = floats(&workplace.path("truth.nrrd"));
+    for voxel in 0..voxels {
+        assert_eq!(distance[voxel].is_nan(), hit[voxel].is_nan());
+        assert_eq!(distance[voxel].is_nan(), role[voxel] == 0.0);
+        assert_eq!(distance[voxel].is_nan(), normal[3 * voxel].is_nan());
+        if role[voxel] == 1.0 {
+            let (found, exact) = (distance[voxel], truth[voxel]);
+            assert!(found.abs() <= 0.5 && (found - exact).abs() < 0.2, "voxel {voxel}: {found}, exactly {exact}");
+        } else if role[voxel] != 0.0 {
+            assert_eq!(distance[voxel] > 0.0, role[voxel] == 2.0);
+        }
+    }
+    assert!(value.iter().all(|value| (1000.0..=30000.0).contains(value)));
+    assert!(g.iter().all(|&g| g >= 0.0) && f2.iter().any(|&f2| f2 < 0.0) && f2.iter().any(|&f2| f2 > 0.0));
+    assert!(role.contains(&2.0) && role.contains(&3.0));
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_skipping() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom three-balls --dims 40,40,40 --noise 0.01 --seed 3 -o in.nrrd");
+    for (method, smooth) in [("fast", "none"), ("paper", "bilateral-derivatives"), ("fast", "gaussian-value")] {
+        let bytes = ["--threads 1", "--threads 2", "--threads 7", "--no-skip"].map(|option| {
+            workplace.succeed(&format!("prepare in.nrrd -o out.vxr --method {method} --smooth {smooth} {option}"));
+            workplace.read("out.vxr")
+        });
+        assert!(bytes.iter().all(|other| *other == bytes[0]), "{method} {smooth}");
+    }
+}
+
+#[test]
+fn skipping_saves_work_and_says_so() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 48,48,48 -o in.nrrd");
+    let samples = ["", "--no-skip"].map(|option| {
+        workplace.succeed(&format!("prepare in.nrrd -o out.vxr --noise-floor 0 --report r.json {option}"));
+        let report: serde_json::Value = serde_json::from_slice(&workplace.read("r.json")).expect("is JSON");
+        ["samples", "traced"].map(|count| report["counts"][count].as_u64().expect("a count"))
+    });
+    assert!(samples[0][0] < samples[1][0] && samples[0][1] <= samples[1][1], "{samples:?}");
+}
+
+#[test]
+fn usage_errors_exit_with_2() {
+    let workplace = Workplace::new();
+    for line in
+        ["", "prepare", "prepare a.nrrd", "prepare a -o b --method best", "slice a --field value --axis q", "walk"]
+    {
+        assert_eq!(workplace.run(line).status.code(), Some(2), "{line}");
+    }
+    for line in ["--help", "--version", "prepare --help", "phantom --list"] {
+        assert_eq!(workplace.run(line).status.code(), Some(0), "{line}");
+    }
+}
+
+fn nrrd(dims: &str, extra: &str, data: &[u8]) -> Vec<u8> {
+    let header = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: {dims}\nencoding: raw\n{extra}\n");
+    [header.as_bytes(), data].concat()
+}
+
+#[test]
+fn bad_volumes_end_in_a_clear_error() {
+    let workplace = Workplace::new();
+    let cases: Vec<(&str, Vec<u8>)> = vec![
+        ("empty.nrrd", vec![]),
+        ("text.nrrd", b"hello".to_vec()),
+        ("short.nrrd", nrrd("4 4 4", "", &[0; 63])),
+        ("long.nrrd", nrrd("4 4 4", "", &[0; 65])),
+        ("huge.nrrd", nrrd("2147483648 2147483648 2147483648", "", &[0; 64])),
+        ("large.nrrd", nrrd("2000 2000 2000", "", &[0; 64])),
+        ("zero.nrrd", nrrd("4 0 4", "", &[0; 64])),
+        ("negative.nrrd", nrrd("4 -4 4", "", &[0; 64])),
+        ("spacing.nrrd", nrrd("4 4 4", "spacings: 1 -1 1\n", &[0; 64])),
+        ("nan.nrrd", nrrd("4 4 4", "spacings: 1 0 nan\n", &[0; 64])),
+        ("flat.nrrd", nrrd("4 4", "", &[0; 16])),
+        ("sheared.nrrd", nrrd("4 4 4", "space dimension: 3\nspace directions: (1,0,0) (1,1,0) (0,0,1)\n", &[0; 64])),
+        ("missing.nhdr", nrrd("4 4 4", "data file: nowhere.raw\n", &[])),
+        ("type.nrrd", b"NRRD0004\ntype: block\ndimension: 3\nsizes: 4 4 4\nencoding: raw\n\n".to_vec()),
+        ("bzip.nrrd", b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: bzip2\n\n".to_vec()),
+        ("broken.nii.gz", [&[0x1f, 0x8b, 8, 0][..], &[7; 400]].concat()),
+        ("short.nii", 348_u32.to_le_bytes().to_vec()),
+        ("none.mhd", b"ObjectType = Image\nNDims = 3\nDimSize = 4 4 4\nElementType = MET_UCHAR\n".to_vec()),
+        (
+            "lost.mhd",
+            b"ObjectType = Image\nNDims = 3\nDimSize = 4 4 4\nElementType = MET_UCHAR\nElementDataFile = x.raw\n"
+                .to_vec(),
+        ),
+        ("nan_only.nrrd", nrrd("1 1 1", "", &[]).into_iter().collect()),
+    ];
+    for (name, bytes) in &cases {
+        workplace.write(name, bytes);
+        let message = workplace.fail(&format!("prepare {name} -o out.vxr"));
+        assert!(message.contains(name) && message.len() > name.len() + 20, "{name}: {message}");
+    }
+    workplace.write("plain.raw", &[0; 100]);
+    for layout in
+        ["", "--dims 5,5,5 --dtype u8", "--dims 5,5,4 --dtype u16be", "--dims 5,5,4 --dtype u8 --skip-bytes 1"]
+    {
+        let message = workplace.fail(&format!("prepare plain.raw -o out.vxr {layout}"));
+        assert!(message.contains("plain.raw"), "{layout}: {message}");
+    }
+    assert!(workplace.fail("prepare nowhere.nrrd -o out.vxr").contains("nowhere.nrrd"));
+    assert!(workplace.fail("prepare plain.raw --dims 5,5,4 --dtype u8 -o no/such/out.vxr").contains("no/such"));
+    assert!(cases.len() + 6 >= 20);
+}
+
+#[test]
+fn damaged_packed_files_end_in_a_clear_error() {
+    let workplace = Workplace::prepared_ball("16,16,16");
+    let whole = workplace.read("ball.vxr");
+    let flipped = |place: usize| {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 4;
+        bytes
+    };
+    for (what, bytes) in [
+        ("empty", vec![]),
+        ("a few bytes", whole[..40].to_vec()),
+        ("half", whole[..whole.len() / 2].to_vec()),
+        ("one byte less", whole[..whole.len() - 1].to_vec()),
+        ("one byte more", [whole.as_slice(), &[0]].concat()),
+        ("magic", flipped(1)),
+        ("version", flipped(8)),
+        ("length", flipped(17)),
+        ("directory", flipped(whole.len() - 9)),
+        ("text", b"not a packed file at all, just some text that is long enough to be one, as it were".to_vec()),
+    ] {
+        workplace.write("bad.vxr", &bytes);
+        for line in [
+            "info bad.vxr",
+            "verify bad.vxr",
+            "export bad.vxr --field distance -o out.nrrd",
+            "histogram bad.vxr --kind distance -o out.png",
+            "slice bad.vxr --field value --axis z --index 3 -o out.png",
+        ] {
+            let message = workplace.fail(line);
+            assert!(message.contains("bad.vxr"), "{what}: {line}: {message}");
+        }
+    }
+    workplace.write("bad.vxr", &flipped(100));
+    assert!(workplace.fail("verify bad.vxr").contains("checksum"));
+}
+
+#[test]
+fn wrong_requests_are_explained() {
+    let workplace = Workplace::prepared_ball("16,16,16");
+    workplace.succeed("prepare ball.nrrd -o lean.vxr");
+    for (line, reason) in [
+        ("export lean.vxr --field second-derivative -o out.nrrd", "--keep derivatives"),
+        ("slice ball.vxr --field value --axis z --index 16 -o out.png", "16"),
+        ("histogram ball.vxr --kind v-g -o out.txt", ".png"),
+        ("prepare ball.nrrd -o out.vxr --step 0", "--step"),
+        ("prepare ball.nrrd -o out.vxr --dmax 0.1", "--dmax"),
+        ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --spatial-sigma 0", "--spatial-sigma"),
+        ("phantom ball --dims 0,4,4 -o out.nrrd", "dimensions"),
+        ("phantom ball --dims 4,4,4 --blur 0 -o out.nrrd", "blur"),
+    ] {
+        let message = workplace.fail(line);
+        assert!(message.contains(reason), "{line}: {message}");
+    }
+}
+
+#[test]
+fn all_bad_voxels_are_refused_and_some_are_masked() {
+    let workplace = Workplace::new();
+    let raw = |numbers: &[f32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
+    workplace.write("nan.raw", &raw(&[f32::NAN; 27]));
+    let message = workplace.fail("prepare nan.raw --dims 3,3,3 --dtype f32 -o out.vxr");
+    assert!(message.contains("nan.raw") && message.contains("NaN"), "{message}");
+    let mut numbers: Vec<f32> = (0..512).map(|voxel| if voxel % 8 < 4 { 0.0 } else { 1.0 }).collect();
+    numbers[0] = f32::INFINITY;
+    workplace.write("some.raw", &raw(&numbers));
+    assert!(workplace.succeed("prepare some.raw --dims 8,8,8 --dtype f32 -o some.vxr").contains("masked"));
+    assert!(workplace.succeed("info some.vxr").contains("7 masked"), "{}", workplace.succeed("info some.vxr"));
+}
