@@ -1,0 +1,40 @@
+# What continuous integration runs.
+check: format lint test docs deny
+
+# Formatting.
+format:
+    cargo fmt --all --check
+
+# Lints.
+lint:
+    cargo clippy --workspace --all-targets -- -D warnings
+
+# All tests.
+test:
+    cargo test --workspace
+
+# Documentation without warnings.
+docs:
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items
+
+# Licences, sources and bans of dependencies; the advisories need the internet: `just advisories`.
+deny:
+    cargo deny --offline check bans licenses sources
+
+# Known vulnerabilities of dependencies.
+advisories:
+    cargo deny check advisories
+
+# The main job on a phantom, into the folder `out`.
+demo:
+    cargo run --release --bin voxrole-view -- demo
+
+# Gradient magnitude and second derivative against teem's vprobe (Debian package teem-apps; numpy and pynrrd).
+peers-teem REAL_DATA:
+    cargo build --release --bin voxrole
+    python3 tests/peers/teem_derivatives.py target/release/voxrole {{REAL_DATA}}
+
+# Prepares, inspects and renders the real volumes into a folder; prints the table of docs/benchmarks.md.
+real-data REAL_DATA OUT:
+    cargo build --release --bins
+    tests/real_data.sh target/release {{REAL_DATA}} {{OUT}}
