@@ -89,7 +89,7 @@ fn neighbours(dims: [usize; 3], spacing: [f32; 3], settings: &BilateralSettings)
 fn accumulate(sums: &mut [f32], weights: &mut [f32], center: &[f32], other: &[f32], spatial: f32, falloff: f32) {
     for (((sum, weight), &center), &other) in sums.iter_mut().zip(weights).zip(center).zip(other) {
         let difference = other - center;
-        let known = other == other;
+        let known = !other.is_nan();
         let both = spatial * exp_of_negative(difference * difference * falloff);
         *sum += if known { both * difference } else { 0.0 };
         *weight += if known { both } else { 0.0 };

@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn counts_are_those_of_a_plain_loop() {
         let axis = |bins| HistogramAxis { low: 0.0, high: 10.0, bins };
-        let position = |voxel: usize| (voxel % 7 != 0).then(|| [(voxel % 10) as f64, (voxel % 13) as f64]);
+        let position = |voxel: usize| (!voxel.is_multiple_of(7)).then_some([(voxel % 10) as f64, (voxel % 13) as f64]);
         let voxels = CHUNK + 1000;
         let found = count(HistogramKind::ValueGradient, vec![axis(5), axis(4)], voxels, position);
         let mut expected = vec![0; 20];

@@ -114,8 +114,8 @@ const NAN: u8 = 8;
 
 #[inline(always)]
 fn sign_bit(sample: f32) -> u8 {
-    let ordered =
-        u8::from(sample < 0.0) * NEGATIVE | u8::from(sample == 0.0) * ZERO | u8::from(sample > 0.0) * POSITIVE;
+    let [negative, zero, positive] = [sample < 0.0, sample == 0.0, sample > 0.0].map(u8::from);
+    let ordered = negative * NEGATIVE + zero * ZERO + positive * POSITIVE;
     if ordered == 0 { NAN } else { ordered }
 }
 

@@ -291,3 +291,17 @@ fn all_bad_voxels_are_refused_and_some_are_masked() {
     assert!(workplace.succeed("prepare some.raw --dims 8,8,8 --dtype f32 -o some.vxr").contains("masked"));
     assert!(workplace.succeed("info some.vxr").contains("7 masked"), "{}", workplace.succeed("info some.vxr"));
 }
+
+#[test]
+fn the_sample_volumes_are_what_their_commands_make() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data");
+    let readme = fs::read_to_string(data.join("README.md")).expect("reads");
+    let commands: Vec<_> = readme.split('`').filter_map(|code| code.strip_prefix("voxrole phantom ")).collect();
+    assert_eq!(commands.len(), 2);
+    let workplace = Workplace::new();
+    for command in commands {
+        workplace.succeed(&format!("phantom {command}"));
+        let name = command.split_whitespace().last().expect("a file");
+        assert!(workplace.read(name) == fs::read(data.join(name)).expect("reads"), "{name} differs");
+    }
+}
