@@ -1,1 +1,25 @@
-//! .
+//! Shows packed voxel roles: one renderer for window and picture file, on the GPU or the CPU.
+//!
+//! [`state`] says what is wanted, [`classify`] turns it into tables and formulas, [`frame`] turns camera and settings
+//! into the numbers of one picture, and two ray marchers draw it by the same rule: [`render`] on the GPU, and
+//! [`mod@reference`] on the CPU, which is the oracle of the first and stands in where there is no GPU.
+
+pub mod app;
+pub mod args;
+pub mod classify;
+pub mod error;
+pub mod frame;
+pub mod headless;
+pub mod open;
+pub mod picture;
+pub mod reference;
+pub mod render;
+pub mod state;
+pub mod ui;
+pub mod volume;
+
+pub use error::{Error, Result};
+pub use picture::Picture;
+pub use render::{Gpu, Renderer, Target};
+pub use state::ViewState;
+pub use volume::{VolumeDescription, VolumeTexels};

@@ -1,2 +1,24 @@
-//! .
-fn main() {}
+//! `voxrole-view`: a window on packed voxel roles, or a picture of them.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use voxrole_viewer::args::{Cli, Command};
+use voxrole_viewer::{app, headless};
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match (&cli.command, &cli.file) {
+        (Some(Command::Render(arguments)), _) => headless::render(arguments),
+        (None, Some(file)) => app::run(file),
+        (None, None) => Ok(()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // The alternate form is the whole chain of causes.
+            eprintln!("voxrole-view: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

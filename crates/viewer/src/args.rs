@@ -1,0 +1,158 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::frame::Frame;
+use crate::reference::MAX_IMAGE_SIDE;
+use crate::state::color::parse_color;
+use crate::state::{BoundaryEmphasis, Camera, Region};
+
+/// Shows the boundaries in a volume by its voxels' roles.
+#[derive(Debug, Parser)]
+#[command(name = "voxrole-view", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct Cli {
+    /// What to do; without a command, a window opens on FILE.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// Packed file to open in a window.
+    #[arg(required = true, value_name = "FILE")]
+    pub file: Option<PathBuf>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Draw one picture into a PNG file.
+    Render(RenderArgs),
+}
+
+/// What `render` takes.
+#[derive(Clone, Debug, Args)]
+pub struct RenderArgs {
+    /// Packed file.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// PNG file to write.
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+    /// Width and height in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse_size)]
+    pub size: ImageSize,
+    /// Where to look from: degrees around z and above the xy plane, or front, back, left, right, top, bottom, iso; then
+    /// a magnification, and a turn of the picture. 0,0 looks along +y with z up: at the face of a patient.
+    #[arg(long, value_name = "AZIMUTH,ELEVATION[,ZOOM[,ROLL]]", allow_hyphen_values = true)]
+    pub camera: Option<Camera>,
+    /// Opacity by distance to the boundary: linear, concave or convex, the opacity on the boundary itself, the
+    /// distance where it ends in multiples of the smallest voxel spacing, and the exponent.
+    #[arg(long, value_name = "KIND,a,dc,n")]
+    pub alpha: Option<BoundaryEmphasis>,
+    /// Draw the boundaries with these values and gradient magnitudes in this colour; may be given several times.
+    /// Without any, regions are proposed from the histogram and printed in this form.
+    #[arg(long = "region", value_name = "v0:v1,g0:g1,RRGGBB[,opacity[,softness]]", allow_hyphen_values = true)]
+    pub regions: Vec<Region>,
+    /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
+    #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]
+    pub step: f32,
+    /// Colour behind the volume.
+    #[arg(long, value_name = "RRGGBB", default_value = "000000", value_parser = parse_background)]
+    pub background: Background,
+    /// Draw on the CPU even where there is a GPU.
+    #[arg(long)]
+    pub cpu: bool,
+}
+
+/// Pixels to the right and down.
+pub type ImageSize = [u32; 2];
+/// A colour as display values.
+pub type Background = [f32; 3];
+
+/// The command line's description, for man pages and tests.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+fn parse_size(text: &str) -> Result<ImageSize, String> {
+    let side = |text: &str| text.parse::<u32>().ok().filter(|side| (1..=MAX_IMAGE_SIDE).contains(side));
+    let size = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    size.ok_or_else(|| format!("not WxH such as 800x600, each from 1 to {MAX_IMAGE_SIDE}"))
+}
+
+fn parse_step(text: &str) -> Result<f32, String> {
+    let [low, high] = Frame::STEP_RANGE;
+    text.parse().ok().filter(|step| (low..=high).contains(step)).ok_or_else(|| format!("not between {low} and {high}"))
+}
+
+fn parse_background(text: &str) -> Result<Background, String> {
+    parse_color(text).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn render(arguments: &[&str]) -> Result<RenderArgs, clap::Error> {
+        let all = ["voxrole-view", "render", "a.vxr", "-o", "a.png"].iter().chain(arguments);
+        Cli::try_parse_from(all).map(|cli| match cli.command {
+            Some(Command::Render(render)) => render,
+            None => panic!("the command was given"),
+        })
+    }
+
+    #[test]
+    fn the_description_is_sound() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn a_file_alone_opens_the_window() {
+        let cli = Cli::try_parse_from(["voxrole-view", "a.vxr"]).expect("is understood");
+        assert_eq!((cli.file, cli.command.is_none()), (Some("a.vxr".into()), true));
+        assert!(Cli::try_parse_from(["voxrole-view"]).is_err());
+    }
+
+    #[test]
+    fn all_of_render_s_options_are_understood() {
+        let render = render(&[
+            "--size",
+            "80x60",
+            "--camera",
+            "-30,10,2",
+            "--alpha",
+            "linear,0.1,15,1",
+            "--region",
+            "-1000:200,5:10,FF0000,0.2",
+            "--region",
+            "200:900,10:90,00FF00",
+            "--step",
+            "0.5",
+            "--background",
+            "ffffff",
+            "--cpu",
+        ])
+        .expect("is understood");
+        assert_eq!((render.size, render.step, render.background, render.cpu), ([80, 60], 0.5, [1.0; 3], true));
+        assert_eq!(render.camera.expect("a camera").azimuth, -30.0);
+        assert_eq!(render.regions.len(), 2);
+        assert_eq!(render.regions[0].value, [-1000.0, 200.0]);
+    }
+
+    #[test]
+    fn wrong_values_are_refused_with_the_reason() {
+        for (wrong, reason) in [
+            (["--size", "0x10"], "800x600"),
+            (["--size", "99999x10"], "800x600"),
+            (["--step", "0"], "between"),
+            (["--step", "nan"], "between"),
+            (["--camera", "up"], "front"),
+            (["--alpha", "concave,2,3,3"], "between 0 and 1"),
+            (["--region", "1:2"], "v0:v1"),
+            (["--background", "red"], "hexadecimal"),
+        ] {
+            let message = render(&wrong).expect_err("is refused").to_string();
+            assert!(message.contains(reason), "{message}");
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! The rules of classification: which opacity and colour a voxel's role gives. No GPU here; the shaders follow these.
+
+pub mod blobs;
+pub mod boundary_emphasis;
+pub mod opacity;
+pub mod opacity_correction;
+pub mod region_proposal;
+
+pub use boundary_emphasis::opacity_by_distance;
+pub use opacity::OpacityTable;
+pub use opacity_correction::correct_opacity;
+pub use region_proposal::propose_regions;

@@ -1,0 +1,198 @@
+//! αu(v, g): the regions of a transfer function as a table over value and gradient magnitude at the hit.
+
+use voxrole_pack::HitGradientQuantization;
+
+use crate::state::Region;
+
+/// Bins of value.
+pub const VALUE_BINS: usize = 1024;
+/// Bins of gradient magnitude at the hit.
+pub const GRADIENT_BINS: usize = 512;
+
+/// αu and the colour for every bin of (v, g), looked up without interpolation: g is label-like, never blended.
+///
+/// Several regions at once: the largest opacity counts, colours mix in proportion to opacity.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OpacityTable {
+    /// Red, green, blue and αu as shares of 65535; value fastest.
+    entries: Vec<[u16; 4]>,
+}
+
+impl OpacityTable {
+    /// The table of `regions` over the file's ranges.
+    #[must_use]
+    pub fn new(regions: &[Region], value_range: [f64; 2], hit_gradient: HitGradientQuantization) -> Self {
+        let mut sums = vec![RegionSum::default(); VALUE_BINS * GRADIENT_BINS];
+        let gradient_range = [hit_gradient.low, hit_gradient.high].map(f64::from);
+        for region in regions {
+            let value_weights = axis_weights(region.value, region.softness, value_range, VALUE_BINS);
+            let gradient_weights = axis_weights(region.gradient, region.softness, gradient_range, GRADIENT_BINS);
+            for (row, &gradient_weight) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradient_weights) {
+                if gradient_weight > 0.0 {
+                    for (sum, &value_weight) in row.iter_mut().zip(&value_weights) {
+                        sum.add(region, region.opacity * gradient_weight * value_weight);
+                    }
+                }
+            }
+        }
+        Self { entries: sums.iter().map(RegionSum::entry).collect() }
+    }
+
+    /// All entries, value fastest, [`VALUE_BINS`] times [`GRADIENT_BINS`] of them.
+    #[must_use]
+    pub fn entries(&self) -> &[[u16; 4]] {
+        &self.entries
+    }
+
+    /// Red, green, blue and αu for an interpolated value in 0..=65535 (shares of the value range) and a stored
+    /// gradient magnitude; `stored_gradient` is not 0, which means that there is none.
+    #[must_use]
+    pub fn look_up(&self, value: f32, stored_gradient: u16) -> [f32; 4] {
+        let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
+        self.entries[bin].map(|share| f32::from(share) / 65535.0)
+    }
+}
+
+/// The bin of an interpolated value in 0..=65535. The factor is a power of two: exact on the CPU and the GPU.
+fn value_bin(value: f32) -> usize {
+    ((value * (VALUE_BINS as f32 / 65536.0)) as usize).min(VALUE_BINS - 1)
+}
+
+/// The bin of a stored gradient magnitude, 1..=65535, in integers: the same everywhere.
+fn gradient_bin(stored: u16) -> usize {
+    usize::from(stored.saturating_sub(1)) * GRADIENT_BINS / 65535
+}
+
+/// How far each bin's middle lies inside a region along one axis, 0 to 1.
+fn axis_weights(extent: [f32; 2], softness: f32, range: [f64; 2], bins: usize) -> Vec<f32> {
+    let [mut low, mut high] = extent.map(f64::from);
+    let bin_width = (range[1] - range[0]) / bins as f64;
+    let mut fade = f64::from(softness.clamp(0.0, 0.5)) * (high - low);
+    if high - low < bin_width {
+        // A region between two bins' middles must not be lost, not even by rounding.
+        let (middle, half) = (0.5 * (low + high), (0.5 + 1e-3) * bin_width);
+        [low, high, fade] = [middle - half, middle + half, 0.0];
+    }
+    (0..bins)
+        .map(|bin| {
+            let inside = {
+                let middle = (bin as f64 + 0.5).mul_add(bin_width, range[0]);
+                (middle - low).min(high - middle)
+            };
+            match (inside < 0.0, fade > 0.0) {
+                (true, _) => 0.0,
+                (false, true) => (inside / fade).min(1.0) as f32,
+                (false, false) => 1.0,
+            }
+        })
+        .collect()
+}
+
+/// What the regions say of one bin.
+#[derive(Clone, Copy, Default)]
+struct RegionSum {
+    opacity: f32,
+    weight: f32,
+    color: [f32; 3],
+}
+
+impl RegionSum {
+    fn add(&mut self, region: &Region, opacity: f32) {
+        self.opacity = self.opacity.max(opacity);
+        self.weight += opacity;
+        for (sum, channel) in self.color.iter_mut().zip(region.color) {
+            *sum += opacity * channel;
+        }
+    }
+
+    fn entry(&self) -> [u16; 4] {
+        let share = |number: f32| (number.clamp(0.0, 1.0) * 65535.0).round() as u16;
+        if self.weight > 0.0 {
+            let [red, green, blue] = self.color.map(|channel| share(channel / self.weight));
+            [red, green, blue, share(self.opacity)]
+        } else {
+            [0; 4]
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HIT_GRADIENT: HitGradientQuantization = HitGradientQuantization { low: 10.0, high: 50.0 };
+    const VALUE_RANGE: [f64; 2] = [-1000.0, 3000.0];
+
+    fn region(value: [f32; 2], gradient: [f32; 2], color: [f32; 3], opacity: f32, softness: f32) -> Region {
+        Region { value, gradient, color, opacity, softness }
+    }
+
+    /// The table at physical values.
+    fn at(table: &OpacityTable, value: f64, gradient: f32) -> [f32; 4] {
+        let share = (value - VALUE_RANGE[0]) / (VALUE_RANGE[1] - VALUE_RANGE[0]);
+        table.look_up((share * 65535.0) as f32, HIT_GRADIENT.encode(gradient))
+    }
+
+    #[test]
+    fn a_hard_region_is_all_or_nothing() {
+        let table = OpacityTable::new(
+            &[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)],
+            VALUE_RANGE,
+            HIT_GRADIENT,
+        );
+        let [red, green, blue, opacity] = at(&table, 500.0, 25.0);
+        assert!((opacity - 0.6).abs() < 1e-4 && red == 1.0 && (green - 0.5).abs() < 1e-4 && blue == 0.0);
+        for (value, gradient) in [(-10.0, 25.0), (1010.0, 25.0), (500.0, 19.8), (500.0, 30.2)] {
+            assert_eq!(at(&table, value, gradient)[3], 0.0, "{value} {gradient}");
+        }
+        for (value, gradient) in [(10.0, 20.2), (990.0, 29.8)] {
+            assert!((at(&table, value, gradient)[3] - 0.6).abs() < 1e-4, "{value} {gradient}");
+        }
+    }
+
+    #[test]
+    fn soft_edges_fade_inwards() {
+        let table =
+            OpacityTable::new(&[region([0.0, 1000.0], [10.0, 50.0], [1.0; 3], 1.0, 0.2)], VALUE_RANGE, HIT_GRADIENT);
+        assert!((at(&table, 100.0, 30.0)[3] - 0.5).abs() < 0.02);
+        assert!((at(&table, 900.0, 30.0)[3] - 0.5).abs() < 0.02);
+        assert_eq!(at(&table, 300.0, 30.0)[3], 1.0);
+        assert_eq!(at(&table, -5.0, 30.0)[3], 0.0);
+    }
+
+    #[test]
+    fn overlapping_regions_keep_the_largest_opacity_and_mix_colours_by_opacity() {
+        let regions = [
+            region([0.0, 1000.0], [10.0, 50.0], [1.0, 0.0, 0.0], 0.6, 0.0),
+            region([500.0, 1500.0], [10.0, 50.0], [0.0, 0.0, 1.0], 0.2, 0.0),
+        ];
+        let [red, _, blue, opacity] = at(&OpacityTable::new(&regions, VALUE_RANGE, HIT_GRADIENT), 750.0, 30.0);
+        assert!((opacity - 0.6).abs() < 1e-4 && (red - 0.75).abs() < 1e-4 && (blue - 0.25).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_region_narrower_than_a_bin_is_not_lost() {
+        let table = OpacityTable::new(
+            &[region([501.9, 502.1], [30.04, 30.041], [1.0; 3], 1.0, 0.5)],
+            VALUE_RANGE,
+            HIT_GRADIENT,
+        );
+        let lit = table.entries().iter().filter(|entry| entry[3] > 0).count();
+        assert!((1..=4).contains(&lit), "{lit}");
+        assert_eq!(at(&table, 502.0, 30.04)[3], 1.0);
+    }
+
+    #[test]
+    fn flat_ranges_have_one_bin_that_counts() {
+        let hit_gradient = HitGradientQuantization { low: 5.0, high: 5.0 };
+        let whole = [region([6.0, 8.0], [4.0, 6.0], [1.0; 3], 1.0, 0.1)];
+        let table = OpacityTable::new(&whole, [7.0, 7.0], hit_gradient);
+        assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0))[3], 1.0);
+    }
+
+    #[test]
+    fn every_stored_number_has_a_bin() {
+        assert_eq!([value_bin(0.0), value_bin(63.99), value_bin(64.0), value_bin(65535.0)], [0, 0, 1, 1023]);
+        assert_eq!([gradient_bin(1), gradient_bin(128), gradient_bin(129), gradient_bin(65535)], [0, 0, 1, 511]);
+    }
+}

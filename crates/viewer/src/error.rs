@@ -1,0 +1,46 @@
+//! What can go wrong between a packed file and a picture.
+
+/// An error of the viewer. The file's name is added by whoever opened it.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The packed file cannot be read.
+    #[error(transparent)]
+    Pack(#[from] voxrole_pack::Error),
+    /// No adapter that this program can draw with was found.
+    #[error("no usable GPU adapter: {0}")]
+    NoAdapter(String),
+    /// The volume does not fit the device.
+    #[error("the volume is too large for {device}: {reason}; draw on the CPU (`render --cpu`), or resample the volume")]
+    VolumeTooLarge {
+        /// The device's name.
+        device: String,
+        /// Which limit, and by how much.
+        reason: String,
+    },
+    /// A picture size that cannot be drawn.
+    #[error("a picture of {width} x {height} pixels cannot be drawn: each side must be 1 to {limit}")]
+    PictureSize {
+        /// Pixels to the right.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// Most pixels along a side.
+        limit: u32,
+    },
+    /// The device refused or lost its work.
+    #[error("{action} failed on {device}: {reason}")]
+    Device {
+        /// What was being done.
+        action: &'static str,
+        /// The device's name.
+        device: String,
+        /// What it said.
+        reason: String,
+    },
+    /// A picture cannot be encoded.
+    #[error("encoding the picture as PNG: {0}")]
+    Encode(#[from] image::ImageError),
+}
+
+/// Result of this crate.
+pub type Result<T> = std::result::Result<T, Error>;

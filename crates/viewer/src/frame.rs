@@ -1,0 +1,272 @@
+//! One picture in numbers: what camera, settings and volume come to before the first ray is cast.
+//!
+//! Both ray marchers start from the same [`Frame`]. Its space is the volume's: grid axes, voxel (0, 0, 0) at the origin,
+//! lengths in multiples of `L_min`, so that single precision suffices whatever the world's unit.
+
+use glam::{Mat3, Vec2, Vec3};
+use voxrole_pack::DistanceQuantization;
+
+use crate::state::{BoundaryEmphasis, Camera, CameraPreset, Projection, Shading, ViewAxes, ViewState};
+use crate::volume::VolumeDescription;
+
+/// Everything that a ray marcher needs beside texels and opacity table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Width and height in pixels.
+    pub image_size: [u32; 2],
+    /// Number of voxels along each axis.
+    pub dims: [u32; 3],
+    /// Voxel spacing.
+    pub spacing: Vec3,
+    /// Lower corner of the box that is drawn.
+    pub box_low: Vec3,
+    /// Upper corner of the box that is drawn.
+    pub box_high: Vec3,
+    /// The rays of all pixels.
+    pub rays: PixelRays,
+    /// Distance between samples along a ray.
+    pub step: f32,
+    /// A ray ends once its opacity exceeds this.
+    pub termination_opacity: f32,
+    /// What one step of a stored distance amounts to.
+    pub distance_scale: f32,
+    /// αd, `d_c` in multiples of `L_min` like every length here.
+    pub emphasis: BoundaryEmphasis,
+    /// Unit vector towards the light.
+    pub light: Vec3,
+    /// How surfaces answer to it.
+    pub shading: Shading,
+    /// Colour behind the volume.
+    pub background: Vec3,
+}
+
+/// All rays of a picture: origin and direction are linear in the pixel's place, x from −1 (left) to 1, y from −1
+/// (bottom) to 1; directions are not normalised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelRays {
+    /// Origin of the ray through the picture's middle.
+    pub origin: Vec3,
+    /// By how much the origin moves to the picture's right edge.
+    pub origin_right: Vec3,
+    /// By how much the origin moves to the picture's upper edge.
+    pub origin_up: Vec3,
+    /// Direction of the ray through the picture's middle.
+    pub direction: Vec3,
+    /// By how much the direction turns to the picture's right edge.
+    pub direction_right: Vec3,
+    /// By how much the direction turns to the picture's upper edge.
+    pub direction_up: Vec3,
+}
+
+/// A ray: `origin + t · direction`, the direction a unit vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: Vec3,
+    /// Where it goes.
+    pub direction: Vec3,
+}
+
+impl Frame {
+    /// Smallest and largest step that is used, in multiples of `L_min`.
+    pub const STEP_RANGE: [f32; 2] = [1.0 / 64.0, 16.0];
+
+    /// The numbers for a picture of `image_size` pixels. Settings out of range are brought to the nearest one in range.
+    #[must_use]
+    pub fn new(state: &ViewState, volume: &VolumeDescription, image_size: [u32; 2]) -> Self {
+        let settings = &state.render_settings;
+        let spacing = Vec3::from_array(volume.relative_spacing());
+        let [box_low, box_high] = drawn_box(volume.dims, spacing);
+        let axes_from_world = volume.axes_from_world();
+        let view = rotate(&state.camera.axes(), axes_from_world);
+        let light_view = if settings.light.follows_camera {
+            view
+        } else {
+            rotate(&Camera::from_preset(CameraPreset::Front).axes(), axes_from_world)
+        };
+        let steps = f32::from(DistanceQuantization::STEPS);
+        Self {
+            image_size,
+            dims: volume.dims,
+            spacing,
+            box_low,
+            box_high,
+            rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
+            step: within(settings.step, Self::STEP_RANGE, 0.25),
+            termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
+            distance_scale: volume.d_max_in_spacings() / steps,
+            emphasis: usable_emphasis(state.transfer_function.emphasis),
+            light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
+            shading: settings.shading,
+            background: Vec3::from_array(settings.background),
+        }
+    }
+
+    /// The ray through the middle of a pixel, counted from the top left.
+    #[must_use]
+    pub fn ray(&self, x: u32, y: u32) -> Ray {
+        let size = Vec2::new(self.image_size[0] as f32, self.image_size[1] as f32);
+        let right = (x as f32 + 0.5) / size.x * 2.0 - 1.0;
+        let up = 1.0 - (y as f32 + 0.5) / size.y * 2.0;
+        let rays = &self.rays;
+        let origin = rays.origin + right * rays.origin_right + up * rays.origin_up;
+        let direction = rays.direction + right * rays.direction_right + up * rays.direction_up;
+        Ray { origin, direction: direction / direction.dot(direction).sqrt() }
+    }
+
+    /// Where a ray enters and leaves the box, not before its origin; the entry lies behind the exit where it misses.
+    #[must_use]
+    pub fn intersect_box(&self, ray: &Ray) -> [f32; 2] {
+        // A component of exactly 0 would make 0 · ∞.
+        let nonzero = |component: f32| if component.abs() < 1e-20 { 1e-20 } else { component };
+        let inverse = Vec3::new(nonzero(ray.direction.x), nonzero(ray.direction.y), nonzero(ray.direction.z)).recip();
+        let to_low = (self.box_low - ray.origin) * inverse;
+        let to_high = (self.box_high - ray.origin) * inverse;
+        let (near, far) = (to_low.min(to_high), to_low.max(to_high));
+        [near.x.max(near.y).max(near.z).max(0.0), far.x.min(far.y).min(far.z)]
+    }
+}
+
+/// From the first voxel's middle to the last's; an axis with one voxel is a slab as thick as its spacing.
+fn drawn_box(dims: [u32; 3], spacing: Vec3) -> [Vec3; 2] {
+    let axis = |dim: u32, spacing: f32| match dim {
+        0 | 1 => [-0.5 * spacing, 0.5 * spacing],
+        _ => [0.0, (dim - 1) as f32 * spacing],
+    };
+    let [x, y, z] = [axis(dims[0], spacing.x), axis(dims[1], spacing.y), axis(dims[2], spacing.z)];
+    [Vec3::new(x[0], y[0], z[0]), Vec3::new(x[1], y[1], z[1])]
+}
+
+fn rotate(axes: &ViewAxes, rotation: Mat3) -> ViewAxes {
+    ViewAxes { right: rotation * axes.right, up: rotation * axes.up, forward: rotation * axes.forward }
+}
+
+fn pixel_rays(camera: &Camera, view: &ViewAxes, box_low: Vec3, box_high: Vec3, image_size: [u32; 2]) -> PixelRays {
+    let radius = 0.5 * (box_high - box_low).length();
+    let [pan_right, pan_up] = camera.pan;
+    let target = 0.5 * (box_low + box_high) + radius * (pan_right * view.right + pan_up * view.up);
+    let zoom = within(camera.zoom, Camera::ZOOM_RANGE, 1.0);
+    // From the shorter side's half extent to each side's.
+    let shorter = image_size[0].min(image_size[1]).max(1) as f32;
+    let [wide, tall] = image_size.map(|side| side.max(1) as f32 / shorter);
+    match camera.projection {
+        Projection::Perspective => {
+            let half_angle = 0.5 * within(camera.field_of_view, Camera::FIELD_OF_VIEW_RANGE, 30.0).to_radians();
+            // The cone of view touches the sphere around the box at zoom 1.
+            let distance = radius / (half_angle.sin() * zoom);
+            PixelRays {
+                origin: target - distance * view.forward,
+                origin_right: Vec3::ZERO,
+                origin_up: Vec3::ZERO,
+                direction: view.forward,
+                direction_right: wide * half_angle.tan() * view.right,
+                direction_up: tall * half_angle.tan() * view.up,
+            }
+        }
+        Projection::Orthographic => PixelRays {
+            // Far enough back that nothing of the box lies behind, wherever the camera is panned to.
+            origin: target - radius * (2.0 + pan_right.hypot(pan_up)) * view.forward,
+            origin_right: wide * radius / zoom * view.right,
+            origin_up: tall * radius / zoom * view.up,
+            direction: view.forward,
+            direction_right: Vec3::ZERO,
+            direction_up: Vec3::ZERO,
+        },
+    }
+}
+
+fn light_direction(view: &ViewAxes, azimuth: f32, elevation: f32) -> Vec3 {
+    let (sin_azimuth, cos_azimuth) = azimuth.to_radians().sin_cos();
+    let (sin_elevation, cos_elevation) = elevation.to_radians().sin_cos();
+    let level = sin_azimuth * view.right - cos_azimuth * view.forward;
+    (cos_elevation * level + sin_elevation * view.up).normalize_or(-view.forward)
+}
+
+fn usable_emphasis(emphasis: BoundaryEmphasis) -> BoundaryEmphasis {
+    BoundaryEmphasis {
+        kind: emphasis.kind,
+        a: within(emphasis.a, [0.0, 1.0], 1.0),
+        d_c: within(emphasis.d_c, [1e-3, 1e6], 3.0),
+        n: within(emphasis.n, [1.0, 100.0], 3.0),
+    }
+}
+
+fn within(number: f32, [low, high]: [f32; 2], otherwise: f32) -> f32 {
+    if number.is_nan() { otherwise } else { number.clamp(low, high) }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use voxrole_pack::{GridGeometry, HitGradientQuantization};
+
+    use super::*;
+
+    fn volume(dims: [u32; 3], spacing: [f64; 3]) -> VolumeDescription {
+        let hit_gradient = HitGradientQuantization { low: 0.0, high: 1.0 };
+        let geometry = GridGeometry::axis_aligned(dims, spacing);
+        VolumeDescription::new(&geometry, 15.0 * geometry.smallest_spacing() as f32, [0.0, 1.0], hit_gradient)
+    }
+
+    fn frame_from(preset: CameraPreset, projection: Projection, size: [u32; 2]) -> Frame {
+        let camera = Camera { projection, ..Camera::from_preset(preset) };
+        let state = ViewState { camera, ..ViewState::default() };
+        Frame::new(&state, &volume([11, 21, 31], [0.5; 3]), size)
+    }
+
+    #[test]
+    fn lengths_are_multiples_of_the_smallest_spacing() {
+        let frame = Frame::new(&ViewState::default(), &volume([3, 3, 1], [2e-9, 1e-9, 3e-9]), [8, 8]);
+        assert!((frame.spacing - Vec3::new(2.0, 1.0, 3.0)).length() < 1e-5);
+        assert!((frame.box_high - Vec3::new(4.0, 2.0, 1.5)).length() < 1e-5);
+        assert!((frame.distance_scale * 32766.0 - 15.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn every_projection_shows_the_box_whole_and_the_corners_miss_it() {
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            for (size, corner) in [([101, 101], [0, 0]), ([201, 101], [0, 50]), ([101, 201], [50, 0])] {
+                let frame = frame_from(CameraPreset::Iso, projection, size);
+                let [entry, exit] = frame.intersect_box(&frame.ray(size[0] / 2, size[1] / 2));
+                assert!(entry > 0.0 && exit > entry);
+                let [entry, exit] = frame.intersect_box(&frame.ray(corner[0], corner[1]));
+                assert!(entry > exit, "{projection:?} {size:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn front_sees_x_to_the_right_and_z_up() {
+        let frame = frame_from(CameraPreset::Front, Projection::Orthographic, [100, 100]);
+        let [middle, right, above] = [frame.ray(50, 50), frame.ray(60, 50), frame.ray(50, 40)];
+        assert!(right.origin.x > middle.origin.x && (right.origin.z - middle.origin.z).abs() < 1e-4);
+        assert!(above.origin.z > middle.origin.z && (above.origin.x - middle.origin.x).abs() < 1e-4);
+        assert_eq!(middle.direction, Vec3::Y);
+    }
+
+    #[test]
+    fn the_grid_s_own_direction_turns_the_view() {
+        let mut description = volume([11, 21, 31], [1.0; 3]);
+        // Index axis x runs along the world's −y: the front camera looks along −x of the grid.
+        description.world_from_axes = DMat3::from_cols_array_2d(&[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
+        let state = ViewState { camera: Camera::from_preset(CameraPreset::Front), ..ViewState::default() };
+        let ray = Frame::new(&state, &description, [9, 9]).ray(4, 4);
+        assert!((ray.direction - Vec3::NEG_X).length() < 1e-6, "{ray:?}");
+    }
+
+    #[test]
+    fn light_comes_from_behind_the_viewer() {
+        let frame = frame_from(CameraPreset::Front, Projection::Perspective, [9, 9]);
+        assert!(frame.light.y < -0.5 && frame.light.z > 0.0 && frame.light.x < 0.0, "{}", frame.light);
+    }
+
+    #[test]
+    fn nonsense_settings_are_brought_into_range() {
+        let mut state = ViewState::default();
+        state.render_settings.step = f32::NAN;
+        state.transfer_function.emphasis.d_c = 0.0;
+        state.camera.zoom = 0.0;
+        let frame = Frame::new(&state, &volume([2, 2, 2], [1.0; 3]), [4, 4]);
+        assert!(frame.step > 0.0 && frame.emphasis.d_c > 0.0 && frame.rays.origin.is_finite());
+    }
+}

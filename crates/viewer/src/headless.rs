@@ -1,0 +1,77 @@
+//! A picture file without a window.
+
+use anyhow::{Context, bail};
+use voxrole_pack::{HistogramKind, Reader, atomic_file};
+
+use crate::args::RenderArgs;
+use crate::classify::propose_regions;
+use crate::open::open_or_prepare;
+use crate::reference::RayMarcher;
+use crate::render::{Gpu, Renderer, Target};
+use crate::state::ViewState;
+use crate::volume::VolumeTexels;
+use crate::{Error, Picture};
+
+/// Draws what `arguments` ask for and writes it under its name when it is complete.
+///
+/// Proposed regions are printed on standard output in the form that `--region` takes; what draws, on standard error.
+///
+/// # Errors
+/// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
+pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
+    let reader = open_or_prepare(&arguments.file)?;
+    let named = || arguments.file.display().to_string();
+    let state = state(&reader, arguments).with_context(named)?;
+    let volume = VolumeTexels::read(&reader).with_context(named)?;
+    let picture = draw(&volume, &state, arguments.cpu).with_context(named)?;
+    let output = &arguments.output;
+    atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
+}
+
+/// Draws on the GPU, or on the CPU where that is asked for or there is no GPU; says on standard error which it was.
+///
+/// # Errors
+/// When the volume or the picture does not fit the device, or the device is lost.
+pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Result<Picture> {
+    let size = state.render_settings.image_size;
+    if on_cpu {
+        return draw_on_cpu(volume, state);
+    }
+    let gpu = match Gpu::new() {
+        Ok(gpu) => gpu,
+        Err(error @ Error::NoAdapter(_)) => {
+            eprintln!("voxrole-view: {error}; drawing on the CPU, which gives the same picture more slowly");
+            return draw_on_cpu(volume, state);
+        }
+        Err(error) => return Err(error),
+    };
+    eprintln!("voxrole-view: drawing on {}", gpu.name);
+    let target = Target::new(&gpu, size)?;
+    Renderer::new(&gpu, volume)?.draw(state, &target);
+    target.read_back(&gpu)
+}
+
+fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> crate::Result<Picture> {
+    Ok(RayMarcher::new(volume, state, state.render_settings.image_size)?.draw())
+}
+
+fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
+    let mut state = ViewState::default();
+    state.camera = arguments.camera.unwrap_or(state.camera);
+    state.transfer_function.emphasis = arguments.alpha.unwrap_or(state.transfer_function.emphasis);
+    state.render_settings.image_size = arguments.size;
+    state.render_settings.step = arguments.step;
+    state.render_settings.background = arguments.background;
+    state.transfer_function.regions = arguments.regions.clone();
+    if arguments.regions.is_empty() {
+        let histogram = reader.read_histogram(HistogramKind::HitValueHitGradient)?;
+        state.transfer_function.regions = propose_regions(&histogram, reader.header().geometry.smallest_spacing());
+        if state.transfer_function.regions.is_empty() {
+            bail!("no boundary was found in this volume: give a `--region`, or prepare it with other settings");
+        }
+        for region in &state.transfer_function.regions {
+            println!("--region {region}");
+        }
+    }
+    Ok(state)
+}

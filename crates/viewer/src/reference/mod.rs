@@ -1,0 +1,98 @@
+//! The CPU ray marcher: the oracle of the GPU one, and what draws where there is no GPU.
+//!
+//! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
+//! `shading.wgsl`, and the loop below is `compositing.wgsl`. Pictures of the two differ by rounding alone.
+
+pub mod sampling;
+pub mod shading;
+
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::classify::{OpacityTable, correct_opacity};
+use crate::frame::{Frame, Ray};
+use crate::state::ViewState;
+use crate::volume::VolumeTexels;
+use crate::{Error, Picture, Result};
+
+use sampling::{CellCache, RoleSample, Sampler};
+use shading::shade;
+
+/// Most pixels along a side of a picture: what GPUs take too.
+pub const MAX_IMAGE_SIDE: u32 = 16384;
+
+/// Draws one state of one volume.
+pub struct RayMarcher<'a> {
+    volume: &'a VolumeTexels,
+    table: OpacityTable,
+    frame: Frame,
+}
+
+impl<'a> RayMarcher<'a> {
+    /// Makes ready for a picture of `image_size` pixels.
+    ///
+    /// # Errors
+    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`].
+    pub fn new(volume: &'a VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Result<Self> {
+        let [width, height] = image_size;
+        if image_size.iter().any(|side| !(1..=MAX_IMAGE_SIDE).contains(side)) {
+            return Err(Error::PictureSize { width, height, limit: MAX_IMAGE_SIDE });
+        }
+        let description = &volume.description;
+        let table =
+            OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
+        Ok(Self { volume, table, frame: Frame::new(state, description, image_size) })
+    }
+
+    /// Draws the picture, rows in parallel.
+    #[must_use]
+    pub fn draw(&self) -> Picture {
+        let [width, height] = self.frame.image_size;
+        let mut rgba = vec![0; width as usize * height as usize * 4];
+        rgba.par_chunks_exact_mut(width as usize * 4).enumerate().for_each(|(y, row)| {
+            for (x, pixel) in row.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+                let light = self.march(&self.frame.ray(x as u32, y as u32));
+                let color = light.truncate() + (1.0 - light.w) * self.frame.background;
+                let bytes = (color.clamp(Vec3::ZERO, Vec3::ONE) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
+                *pixel = [bytes[0], bytes[1], bytes[2], 255];
+            }
+        });
+        Picture { width, height, rgba }
+    }
+
+    /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
+    #[must_use]
+    pub fn opacity_at(&self, index: Vec3) -> f32 {
+        self.sample_at(index).opacity
+    }
+
+    /// Opacity, colour and normal at a place in index coordinates.
+    #[must_use]
+    pub fn sample_at(&self, index: Vec3) -> RoleSample {
+        let sampler = Sampler::new(self.volume, &self.table, &self.frame);
+        sampler.sample(index * self.frame.spacing, &mut CellCache::default())
+    }
+
+    /// Light along a ray, front to back: colour premultiplied by opacity, and opacity.
+    fn march(&self, ray: &Ray) -> Vec4 {
+        let frame = &self.frame;
+        let sampler = Sampler::new(self.volume, &self.table, frame);
+        let mut cache = CellCache::default();
+        let [entry, exit] = frame.intersect_box(ray);
+        let mut sum = Vec4::ZERO;
+        let mut along = entry + 0.5 * frame.step;
+        let mut count = 0.5;
+        while along < exit && sum.w <= frame.termination_opacity {
+            let sample = sampler.sample(ray.origin + along * ray.direction, &mut cache);
+            if sample.opacity > 0.0 {
+                let opacity = correct_opacity(sample.opacity, frame.step);
+                let color = shade(sample.color, sample.normal, -ray.direction, frame.light, &frame.shading);
+                sum += (1.0 - sum.w) * opacity * color.extend(1.0);
+            }
+            // Not a running sum, whose rounding errors would add up.
+            count += 1.0;
+            along = entry + count * frame.step;
+        }
+        sum
+    }
+}

@@ -1,0 +1,69 @@
+//! One renderer for the window and the picture file.
+
+use std::ops::Range;
+
+use wgpu::{BindGroup, CommandEncoderDescriptor};
+
+use super::gpu::Gpu;
+use super::lookup_textures::LookupTextures;
+use super::ray_march::RayMarch;
+use super::target::Target;
+use super::uniforms::Uniforms;
+use super::volume_textures::VolumeTextures;
+use crate::Result;
+use crate::frame::Frame;
+use crate::state::ViewState;
+use crate::volume::{VolumeDescription, VolumeTexels};
+
+/// A volume on a device, ready to be drawn.
+pub struct Renderer {
+    gpu: Gpu,
+    volume: VolumeDescription,
+    lookup_textures: LookupTextures,
+    ray_march: RayMarch,
+    bind_group: BindGroup,
+}
+
+impl Renderer {
+    /// Uploads a volume and compiles the shaders. The texels are no longer needed afterwards.
+    ///
+    /// # Errors
+    /// [`crate::Error::VolumeTooLarge`] when the volume does not fit the device, [`crate::Error::Device`] when the
+    /// device refuses the shaders.
+    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
+        let volume_textures = VolumeTextures::new(gpu, volume)?;
+        gpu.checked("preparing to draw", || {
+            let lookup_textures = LookupTextures::new(gpu);
+            let ray_march = RayMarch::new(gpu);
+            let bind_group = ray_march.bind(gpu, volume_textures.view(), lookup_textures.view());
+            Self { gpu: gpu.clone(), volume: volume.description.clone(), lookup_textures, ray_march, bind_group }
+        })
+    }
+
+    /// The device that is drawn on.
+    #[must_use]
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Draws the volume over the whole target. Returns before the device has finished.
+    pub fn draw(&mut self, state: &ViewState, target: &Target) {
+        let [_, height] = target.size();
+        self.draw_rows(state, target, 0..height);
+    }
+
+    /// Draws some rows of the target, counted from the top, and leaves the others as they are, so that a window can
+    /// draw a slow picture in parts. Returns before the device has finished.
+    ///
+    /// # Panics
+    /// When `rows` reach beyond the target.
+    pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) {
+        let gpu = &self.gpu;
+        self.lookup_textures.update(gpu, &state.transfer_function.regions, &self.volume);
+        let frame = Frame::new(state, &self.volume, target.size());
+        self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));
+        let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("picture") });
+        self.ray_march.record(&mut encoder, &self.bind_group, target, rows);
+        gpu.queue.submit([encoder.finish()]);
+    }
+}

@@ -1,0 +1,30 @@
+// Front-to-back compositing along a ray: the twin of reference/mod.rs.
+
+// Light along a ray: colour premultiplied by opacity, and opacity.
+fn march(ray: Ray) -> vec4<f32> {
+    let interval = intersect_box(ray);
+    var cell: Cell;
+    cell.base = vec3<i32>(-1);
+    var sum = vec4<f32>(0.0);
+    var count = 0.5;
+    var along = interval.x + 0.5 * frame.step;
+    while along < interval.y && sum.a <= frame.termination_opacity {
+        let role = sample_role(ray.origin + along * ray.direction, &cell);
+        if role.opacity > 0.0 {
+            let opacity = correct_opacity(role.opacity);
+            let color = shade(role.color, role.normal, -ray.direction);
+            sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
+        }
+        // Not a running sum, whose rounding errors would add up.
+        count += 1.0;
+        along = interval.x + count * frame.step;
+    }
+    return sum;
+}
+
+@fragment
+fn fragment_main(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let light = march(pixel_ray(position.xy));
+    let color = light.rgb + (1.0 - light.a) * frame.background;
+    return vec4<f32>(clamp(color, vec3<f32>(0.0), vec3<f32>(1.0)), 1.0);
+}

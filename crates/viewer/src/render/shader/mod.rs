@@ -1,0 +1,47 @@
+//! The shaders: chunks that each build on the ones before, concatenated when the program is built.
+
+/// The whole module: vertex entry point `vertex_main`, fragment entry point `fragment_main`.
+pub const SOURCE: &str = concat!(
+    include_str!("view.wgsl"),
+    include_str!("classification.wgsl"),
+    include_str!("sampling.wgsl"),
+    include_str!("shading.wgsl"),
+    include_str!("compositing.wgsl"),
+);
+
+#[cfg(test)]
+mod tests {
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    use super::*;
+    use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
+
+    const CHUNKS: [(&str, &str); 5] = [
+        ("view", include_str!("view.wgsl")),
+        ("classification", include_str!("classification.wgsl")),
+        ("sampling", include_str!("sampling.wgsl")),
+        ("shading", include_str!("shading.wgsl")),
+        ("compositing", include_str!("compositing.wgsl")),
+    ];
+
+    #[test]
+    fn every_chunk_is_valid_after_the_ones_before() {
+        let mut source = String::new();
+        for (name, chunk) in CHUNKS {
+            source.push_str(chunk);
+            let module = naga::front::wgsl::parse_str(&source)
+                .unwrap_or_else(|error| panic!("{name}.wgsl: {}", error.emit_to_string(&source)));
+            // No capability beyond what every WebGPU device has.
+            Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|error| panic!("{name}.wgsl: {}", error.emit_to_string(&source)));
+        }
+        assert_eq!(source, SOURCE);
+    }
+
+    #[test]
+    fn the_table_s_size_is_the_program_s() {
+        assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
+        assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
+    }
+}

@@ -1,0 +1,153 @@
+// Opacity, colour and normal between voxels: the twin of reference/sampling.rs, which explains the rule.
+
+struct RoleSample {
+    opacity: f32,
+    color: vec3<f32>,
+    // Unit vector, or 0 where there is none.
+    normal: vec3<f32>,
+}
+
+// Eight voxels; the digits count along x, y, z.
+struct Cell {
+    base: vec3<i32>,
+    is_active: bool,
+    t000: vec4<u32>,
+    t100: vec4<u32>,
+    t010: vec4<u32>,
+    t110: vec4<u32>,
+    t001: vec4<u32>,
+    t101: vec4<u32>,
+    t011: vec4<u32>,
+    t111: vec4<u32>,
+}
+
+// Sums over a cell's voxels, weighted by opacity.
+struct RoleSum {
+    opacity: f32,
+    color: vec3<f32>,
+    normal: vec3<f32>,
+}
+
+fn signed_distance_bits(texel: vec4<u32>) -> i32 {
+    return bitcast<i32>(texel.y << 16u) >> 16u;
+}
+
+fn has_hit(texel: vec4<u32>) -> bool {
+    return signed_distance_bits(texel) >= -32766 && texel.z != 0u;
+}
+
+fn stored_distance(texel: vec4<u32>) -> f32 {
+    return f32(signed_distance_bits(texel)) * frame.distance_scale;
+}
+
+// Whether a voxel can be drawn somewhere in its cell: its plane's distance changes there by the diagonal at most.
+fn is_within_reach(texel: vec4<u32>) -> bool {
+    return has_hit(texel) && abs(stored_distance(texel)) < frame.reach;
+}
+
+// The unit vector of an octahedral normal, or 0 for none.
+fn decode_normal(stored: u32) -> vec3<f32> {
+    if stored == 0x8080u {
+        return vec3<f32>(0.0);
+    }
+    let bytes = vec2<i32>(bitcast<i32>(stored << 24u) >> 24u, bitcast<i32>(stored << 16u) >> 24u);
+    let square = vec2<f32>(bytes) / 127.0;
+    let z = 1.0 - abs(square.x) - abs(square.y);
+    let folded = (1.0 - abs(square.yx)) * select(vec2<f32>(-1.0), vec2<f32>(1.0), square >= vec2<f32>(0.0));
+    let vector = vec3<f32>(select(folded, square, z >= 0.0), z);
+    return vector / sqrt(dot(vector, vector));
+}
+
+fn voxel(index: vec3<i32>) -> vec4<u32> {
+    return textureLoad(volume, min(index, frame.last_voxel), 0);
+}
+
+fn load_cell(base: vec3<i32>) -> Cell {
+    var cell: Cell;
+    cell.base = base;
+    cell.t000 = voxel(base);
+    cell.t100 = voxel(base + vec3<i32>(1, 0, 0));
+    cell.t010 = voxel(base + vec3<i32>(0, 1, 0));
+    cell.t110 = voxel(base + vec3<i32>(1, 1, 0));
+    cell.t001 = voxel(base + vec3<i32>(0, 0, 1));
+    cell.t101 = voxel(base + vec3<i32>(1, 0, 1));
+    cell.t011 = voxel(base + vec3<i32>(0, 1, 1));
+    cell.t111 = voxel(base + vec3<i32>(1, 1, 1));
+    cell.is_active = is_within_reach(cell.t000) || is_within_reach(cell.t100)
+        || is_within_reach(cell.t010) || is_within_reach(cell.t110)
+        || is_within_reach(cell.t001) || is_within_reach(cell.t101)
+        || is_within_reach(cell.t011) || is_within_reach(cell.t111);
+    return cell;
+}
+
+// Adds one voxel; `fraction` is the place in the cell, `corner` the voxel's.
+fn add_voxel(
+    sum: ptr<function, RoleSum>,
+    texel: vec4<u32>,
+    weight: f32,
+    value: f32,
+    fraction: vec3<f32>,
+    corner: vec3<f32>,
+) {
+    if weight == 0.0 || !has_hit(texel) {
+        return;
+    }
+    let by_role = opacity_by_role(value, texel.z);
+    if by_role.a == 0.0 {
+        return;
+    }
+    let normal = decode_normal(texel.w);
+    let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
+    let share = weight * (by_role.a * opacity_by_distance(abs(distance)));
+    (*sum).opacity += share;
+    (*sum).color += share * by_role.rgb;
+    (*sum).normal += share * normal;
+}
+
+fn sample_cell(cell: Cell, fraction: vec3<f32>) -> RoleSample {
+    let high = fraction;
+    let low = 1.0 - fraction;
+    let w000 = low.x * low.y * low.z;
+    let w100 = high.x * low.y * low.z;
+    let w010 = low.x * high.y * low.z;
+    let w110 = high.x * high.y * low.z;
+    let w001 = low.x * low.y * high.z;
+    let w101 = high.x * low.y * high.z;
+    let w011 = low.x * high.y * high.z;
+    let w111 = high.x * high.y * high.z;
+    let value = w000 * f32(cell.t000.x) + w100 * f32(cell.t100.x) + w010 * f32(cell.t010.x)
+        + w110 * f32(cell.t110.x) + w001 * f32(cell.t001.x) + w101 * f32(cell.t101.x)
+        + w011 * f32(cell.t011.x) + w111 * f32(cell.t111.x);
+    var sum = RoleSum(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
+    add_voxel(&sum, cell.t000, w000, value, fraction, vec3<f32>(0.0, 0.0, 0.0));
+    add_voxel(&sum, cell.t100, w100, value, fraction, vec3<f32>(1.0, 0.0, 0.0));
+    add_voxel(&sum, cell.t010, w010, value, fraction, vec3<f32>(0.0, 1.0, 0.0));
+    add_voxel(&sum, cell.t110, w110, value, fraction, vec3<f32>(1.0, 1.0, 0.0));
+    add_voxel(&sum, cell.t001, w001, value, fraction, vec3<f32>(0.0, 0.0, 1.0));
+    add_voxel(&sum, cell.t101, w101, value, fraction, vec3<f32>(1.0, 0.0, 1.0));
+    add_voxel(&sum, cell.t011, w011, value, fraction, vec3<f32>(0.0, 1.0, 1.0));
+    add_voxel(&sum, cell.t111, w111, value, fraction, vec3<f32>(1.0, 1.0, 1.0));
+    if sum.opacity <= 0.0 {
+        return RoleSample(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
+    }
+    let normal = sum.normal / sum.opacity;
+    let squared = dot(normal, normal);
+    // Opposite normals cancel.
+    let unit = select(vec3<f32>(0.0), normal / sqrt(max(squared, 1e-8)), squared > 1e-8);
+    return RoleSample(min(sum.opacity, 1.0), sum.color / sum.opacity, unit);
+}
+
+// The sample at a place; `cell` is the last sample's and is replaced where the place lies in another.
+fn sample_role(position: vec3<f32>, cell: ptr<function, Cell>) -> RoleSample {
+    let last = vec3<f32>(frame.last_voxel);
+    let index = clamp(position * frame.inverse_spacing, vec3<f32>(0.0), last);
+    let base = min(floor(index), max(last - 1.0, vec3<f32>(0.0)));
+    let base_voxel = vec3<i32>(base);
+    if any(base_voxel != (*cell).base) {
+        *cell = load_cell(base_voxel);
+    }
+    if !(*cell).is_active {
+        return RoleSample(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
+    }
+    return sample_cell(*cell, index - base);
+}

@@ -1,0 +1,75 @@
+// Rays: from a pixel to where its ray enters and leaves the box. Space: grid axes, lengths in multiples of L_min.
+
+struct Uniforms {
+    origin: vec3<f32>,
+    step: f32,
+    origin_right: vec3<f32>,
+    termination_opacity: f32,
+    origin_up: vec3<f32>,
+    distance_scale: f32,
+    direction: vec3<f32>,
+    reach: f32,
+    direction_right: vec3<f32>,
+    emphasis_a: f32,
+    direction_up: vec3<f32>,
+    emphasis_d_c: f32,
+    box_low: vec3<f32>,
+    emphasis_n: f32,
+    box_high: vec3<f32>,
+    emphasis_kind: u32,
+    spacing: vec3<f32>,
+    ambient: f32,
+    inverse_spacing: vec3<f32>,
+    diffuse: f32,
+    light: vec3<f32>,
+    specular: f32,
+    background: vec3<f32>,
+    padding: f32,
+    last_voxel: vec3<i32>,
+    padding_after_last_voxel: i32,
+    image_size: vec2<f32>,
+    padding_at_end: vec2<f32>,
+}
+
+struct Ray {
+    origin: vec3<f32>,
+    direction: vec3<f32>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Uniforms;
+// Value, distance, gradient magnitude at the hit and normal, as stored.
+@group(0) @binding(1) var volume: texture_3d<u32>;
+// Colour and opacity by value (x) and gradient magnitude at the hit (y), in shares of 65535.
+@group(0) @binding(2) var opacity_table: texture_2d<u32>;
+
+// One triangle that covers the picture.
+@vertex
+fn vertex_main(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
+    let corner = vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u));
+    return vec4<f32>(corner * 4.0 - 1.0, 0.0, 1.0);
+}
+
+// The ray through a pixel; `pixel` counts from the top left, the first pixel's middle at (0.5, 0.5).
+fn pixel_ray(pixel: vec2<f32>) -> Ray {
+    let right = pixel.x / frame.image_size.x * 2.0 - 1.0;
+    let up = 1.0 - pixel.y / frame.image_size.y * 2.0;
+    let origin = frame.origin + right * frame.origin_right + up * frame.origin_up;
+    let direction = frame.direction + right * frame.direction_right + up * frame.direction_up;
+    return Ray(origin, direction / sqrt(dot(direction, direction)));
+}
+
+fn nonzero(component: f32) -> f32 {
+    // A component of exactly 0 would make 0 times infinity.
+    return select(component, 1e-20, abs(component) < 1e-20);
+}
+
+// Entry and exit along a ray, not before its origin; the entry lies behind the exit where the ray misses.
+fn intersect_box(ray: Ray) -> vec2<f32> {
+    let direction = ray.direction;
+    let inverse = 1.0 / vec3<f32>(nonzero(direction.x), nonzero(direction.y), nonzero(direction.z));
+    let to_low = (frame.box_low - ray.origin) * inverse;
+    let to_high = (frame.box_high - ray.origin) * inverse;
+    let near = min(to_low, to_high);
+    let far = max(to_low, to_high);
+    return vec2<f32>(max(max(near.x, near.y), max(near.z, 0.0)), min(min(far.x, far.y), far.z));
+}

@@ -1,0 +1,43 @@
+//! What the user set: plain data without window or GPU, so that it can be saved, compared and tested.
+//!
+//! Lengths that the user sets are multiples of `L_min`, the volume's smallest voxel spacing; values and gradient
+//! magnitudes are in the volume's own units.
+
+pub mod boundary_emphasis;
+pub mod camera;
+pub mod color;
+pub mod region;
+pub mod render_settings;
+pub mod transfer_function;
+
+use serde::{Deserialize, Serialize};
+
+pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind};
+pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
+pub use region::Region;
+pub use render_settings::{Light, RenderSettings, Shading};
+pub use transfer_function::TransferFunction;
+
+/// Everything that decides what a picture of one volume looks like.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ViewState {
+    /// Where the picture is taken from.
+    pub camera: Camera,
+    /// What is drawn, and how opaque.
+    pub transfer_function: TransferFunction,
+    /// How it is drawn.
+    pub render_settings: RenderSettings,
+}
+
+/// A command-line form that could not be understood; says what was expected.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct ParseError(pub String);
+
+/// A finite number out of a command-line form.
+fn parse_number(text: &str, what: &str) -> Result<f32, ParseError> {
+    match text.trim().parse::<f32>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(ParseError(format!("{what} `{text}` is not a number"))),
+    }
+}

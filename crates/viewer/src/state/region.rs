@@ -1,0 +1,111 @@
+//! One selected region of (v, g): a rectangle with a colour, an opacity and soft edges.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::color::{format_color, parse_color};
+use super::{ParseError, parse_number};
+
+/// A rectangle of value and gradient magnitude at the hit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Region {
+    /// From which value to which, in the volume's physical unit.
+    pub value: [f32; 2],
+    /// From which gradient magnitude at the hit to which, in value units per world unit.
+    pub gradient: [f32; 2],
+    /// Red, green, blue as display values, 0 to 1.
+    pub color: [f32; 3],
+    /// Opacity αu in the region's middle for a path of `L_min`, 0 to 1.
+    pub opacity: f32,
+    /// Share of each extent over which the opacity fades to zero, at both ends and inwards; 0 to 0.5.
+    pub softness: f32,
+}
+
+impl Region {
+    /// The softness of a region that was not given one.
+    pub const DEFAULT_SOFTNESS: f32 = 0.1;
+}
+
+impl FromStr for Region {
+    type Err = ParseError;
+
+    /// `v0:v1,g0:g1,RRGGBB[,opacity[,softness]]`; opacity 1 where none is given.
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+        let [value, gradient, color, rest @ ..] = parts.as_slice() else {
+            return Err(usage(text));
+        };
+        let (opacity, softness) = match rest {
+            [] => ("1", None),
+            [opacity] => (*opacity, None),
+            [opacity, softness] => (*opacity, Some(*softness)),
+            _ => return Err(usage(text)),
+        };
+        let region = Self {
+            value: parse_range(value, "value")?,
+            gradient: parse_range(gradient, "gradient magnitude")?,
+            color: parse_color(color)?,
+            opacity: parse_number(opacity, "opacity")?,
+            softness: softness.map_or(Ok(Self::DEFAULT_SOFTNESS), |softness| parse_number(softness, "softness"))?,
+        };
+        if !(0.0..=1.0).contains(&region.opacity) {
+            return Err(ParseError(format!("opacity {} is not between 0 and 1", region.opacity)));
+        }
+        if !(0.0..=0.5).contains(&region.softness) {
+            return Err(ParseError(format!("softness {} is not between 0 and 0.5", region.softness)));
+        }
+        Ok(region)
+    }
+}
+
+fn usage(text: &str) -> ParseError {
+    ParseError(format!("`{text}` is not v0:v1,g0:g1,RRGGBB[,opacity[,softness]] such as 80:255,10:40,E69F00,0.5"))
+}
+
+fn parse_range(text: &str, what: &str) -> Result<[f32; 2], ParseError> {
+    let (low, high) =
+        text.split_once(':').ok_or_else(|| ParseError(format!("{what} range `{text}` is not LOW:HIGH")))?;
+    let range = [parse_number(low, what)?, parse_number(high, what)?];
+    if range[0] >= range[1] {
+        return Err(ParseError(format!("{what} range `{text}` is empty: write the smaller number first")));
+    }
+    Ok(range)
+}
+
+impl fmt::Display for Region {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([v0, v1], [g0, g1]) = (self.value, self.gradient);
+        write!(formatter, "{v0}:{v1},{g0}:{g1},{},{}", format_color(self.color), self.opacity)?;
+        if self.softness != Self::DEFAULT_SOFTNESS {
+            write!(formatter, ",{}", self.softness)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn typed_forms_survive_the_round_trip() {
+        for text in ["-1000:250.5,0:1e-3,FF8000", "1:2,3:4,00ff00,0.25", "1:2,3:4,00ff00,0.25,0.3"] {
+            let region: Region = text.parse().expect("a region");
+            assert_eq!(region.to_string().parse(), Ok(region), "{text}");
+        }
+        let region: Region = "1:2,3:4,00ff00".parse().expect("a region");
+        assert_eq!((region.value, region.gradient, region.opacity), ([1.0, 2.0], [3.0, 4.0], 1.0));
+        assert_eq!(region.softness, Region::DEFAULT_SOFTNESS);
+    }
+
+    #[test]
+    fn anything_else_is_refused() {
+        for text in ["", "1:2,3:4", "2:1,3:4,00ff00", "1:1,3:4,00ff00", "1:2,3,00ff00", "1:2,3:4,00ff00,2"] {
+            assert!(text.parse::<Region>().is_err(), "{text}");
+        }
+        assert!("1:2,3:4,00ff00,1,0.6".parse::<Region>().is_err());
+        assert!("1:nan,3:4,00ff00".parse::<Region>().is_err());
+    }
+}

@@ -1,0 +1,68 @@
+//! How a picture is drawn, whatever it shows.
+
+use serde::{Deserialize, Serialize};
+
+/// Sampling, light and background.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RenderSettings {
+    /// Distance between samples along a ray, in multiples of `L_min`; positive. A quarter leaves no visible rings.
+    pub step: f32,
+    /// Red, green, blue behind the volume as display values, 0 to 1.
+    pub background: [f32; 3],
+    /// Where the light comes from.
+    pub light: Light,
+    /// How surfaces answer to it.
+    pub shading: Shading,
+    /// A ray ends once its opacity exceeds this; 1 − 1/512 cannot be told from 1 in an 8-bit picture.
+    pub termination_opacity: f32,
+    /// Width and height of a saved picture in pixels.
+    pub image_size: [u32; 2],
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self {
+            step: 0.25,
+            background: [0.0; 3],
+            light: Light::default(),
+            shading: Shading::default(),
+            termination_opacity: 1.0 - 1.0 / 512.0,
+            image_size: [1024, 1024],
+        }
+    }
+}
+
+/// One white light, infinitely far away.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Light {
+    /// Whether the angles count from the camera's line of sight, or from the world's front.
+    pub follows_camera: bool,
+    /// To the right, in degrees.
+    pub azimuth: f32,
+    /// Upwards, in degrees.
+    pub elevation: f32,
+}
+
+impl Default for Light {
+    /// Over the viewer's left shoulder.
+    fn default() -> Self {
+        Self { follows_camera: true, azimuth: -25.0, elevation: 30.0 }
+    }
+}
+
+/// Shares of the light that a surface gives back.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shading {
+    /// From everywhere, in the surface's colour.
+    pub ambient: f32,
+    /// `|N·L|`, in the surface's colour; both sides of a boundary are lit alike.
+    pub diffuse: f32,
+    /// `|N·H|⁸`, in white.
+    pub specular: f32,
+}
+
+impl Default for Shading {
+    fn default() -> Self {
+        Self { ambient: 0.3, diffuse: 0.7, specular: 0.25 }
+    }
+}

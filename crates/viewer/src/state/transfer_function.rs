@@ -1,0 +1,14 @@
+//! What is drawn: `α = αu(v, g) · αd(d)`.
+
+use serde::{Deserialize, Serialize};
+
+use super::{BoundaryEmphasis, Region};
+
+/// Regions of (v, g) that make αu and the colour, and αd.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TransferFunction {
+    /// The selected regions; where several overlap the largest opacity counts and colours mix by opacity.
+    pub regions: Vec<Region>,
+    /// Opacity by distance.
+    pub emphasis: BoundaryEmphasis,
+}

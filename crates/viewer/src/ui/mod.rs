@@ -1,0 +1,124 @@
+//! The window's panels: each is a function over the state that it shows. What they change is [`ViewState`] alone.
+
+pub mod axis;
+pub mod boundary;
+pub mod camera;
+pub mod distance_histogram;
+mod form;
+pub mod histogram;
+pub mod opened_volume;
+pub mod preview;
+pub mod readout;
+pub mod refinement;
+pub mod region_grip;
+pub mod render_settings;
+pub mod save_picture;
+pub mod theme;
+pub mod transfer_function;
+pub mod viewport;
+
+use eframe::egui_wgpu::RenderState;
+use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
+
+use crate::state::{TransferFunction, ViewState};
+use crate::volume::VolumeTexels;
+use form::section;
+use histogram::HistogramPanel;
+use opened_volume::OpenedVolume;
+use preview::{Drawn, Preview};
+use refinement::Detail;
+use save_picture::SavePicture;
+
+/// Everything that a window holds.
+pub struct ViewerWindow {
+    /// What the picture looks like.
+    pub view: ViewState,
+    /// What is shown.
+    pub volume: OpenedVolume,
+    /// The picture.
+    pub preview: Preview,
+    /// The histogram of value and gradient magnitude.
+    pub histogram: HistogramPanel,
+    /// Saving.
+    pub save: SavePicture,
+    viewport: [u32; 2],
+}
+
+impl ViewerWindow {
+    /// The first picture: the proposed regions, everything else as it is by default.
+    ///
+    /// # Errors
+    /// As [`Preview::new`].
+    pub fn new(render_state: &RenderState, volume: OpenedVolume, texels: &VolumeTexels) -> crate::Result<Self> {
+        let regions = volume.proposed_regions.clone();
+        Ok(Self {
+            view: ViewState {
+                transfer_function: TransferFunction { regions, ..TransferFunction::default() },
+                ..ViewState::default()
+            },
+            preview: Preview::new(render_state, texels)?,
+            histogram: HistogramPanel::new(&volume),
+            save: SavePicture::new(&volume.path),
+            volume,
+            viewport: [1, 1],
+        })
+    }
+}
+
+/// The whole window: settings to the left, the transfer function to the right, the picture between them.
+pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
+    Panel::bottom("status").resizable(false).show(ui, |ui| status_ui(ui, window));
+    Panel::left("settings").resizable(true).default_size(280.0).size_range(240.0..=420.0).show(ui, |ui| {
+        let ViewerWindow { view, preview, save, viewport, .. } = window;
+        // Always in sight, whatever the settings above are scrolled to.
+        Panel::bottom("save").resizable(false).frame(Frame::NONE).show(ui, |ui| {
+            save_picture::save_picture_ui(ui, save, preview, view, *viewport);
+        });
+        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| settings_ui(ui, window));
+    });
+    Panel::right("transfer function").resizable(true).default_size(390.0).size_range(340.0..=640.0).show(ui, |ui| {
+        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| transfer_ui(ui, window));
+    });
+    CentralPanel::no_frame().show(ui, |ui| {
+        let pixels = ui.available_size() * ui.pixels_per_point();
+        window.viewport = [pixels.x, pixels.y].map(|side| side.round().max(1.0) as u32);
+        viewport::viewport_ui(ui, &mut window.view, &mut window.preview, window.volume.description.frame);
+    });
+}
+
+fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
+    let ViewerWindow { view, volume, preview, .. } = window;
+    section(ui, "Volume", |ui| readout::readout_ui(ui, volume, preview.device_name()));
+    section(ui, "Camera", |ui| camera::camera_ui(ui, &mut view.camera));
+    section(ui, "Rendering", |ui| render_settings::render_settings_ui(ui, &mut view.render_settings));
+}
+
+fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {
+    let ViewerWindow { view, volume, histogram, .. } = window;
+    let TransferFunction { regions, emphasis } = &mut view.transfer_function;
+    section(ui, "Regions of value and gradient magnitude, αu(v, g)", |ui| {
+        histogram::histogram_ui(ui, histogram, volume, regions);
+        transfer_function::transfer_function_ui(ui, histogram, regions, &volume.proposed_regions);
+    });
+    section(ui, "Opacity by distance to the boundary, αd(d)", |ui| {
+        let smallest_spacing = volume.description.smallest_spacing();
+        distance_histogram::distance_histogram_ui(ui, &volume.distance, smallest_spacing, emphasis);
+        boundary::boundary_ui(ui, emphasis, volume.description.d_max_in_spacings());
+    });
+}
+
+fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
+    ui.horizontal(|ui| {
+        let [width, height] = window.viewport;
+        let Some(Drawn { detail, seconds }) = window.preview.last() else {
+            ui.small("Drawing the first picture");
+            return;
+        };
+        let what = if detail == Detail::FULL { "full picture" } else { "draft" };
+        let mut text = format!("{width} × {height} pixels, {what} in {:.0} ms", seconds * 1e3);
+        if let Some(share) = window.preview.refining() {
+            text += &format!(", refining {:.0} %", share * 100.0);
+        }
+        ui.small(text);
+    });
+}

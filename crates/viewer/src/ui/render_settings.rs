@@ -1,0 +1,35 @@
+//! How the picture is drawn: sampling, light, background.
+
+use egui::{Slider, Ui};
+
+use super::form::{color_row, rows, slider_row};
+use crate::state::RenderSettings;
+
+/// Smallest and largest step of the slider, in multiples of the smallest voxel spacing.
+const STEPS: std::ops::RangeInclusive<f32> = 0.0625..=2.0;
+
+/// Step, background, light and shading.
+pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
+    rows(ui, "render settings", |ui| {
+        let step = Slider::new(&mut settings.step, STEPS).logarithmic(true).max_decimals(3);
+        slider_row(
+            ui,
+            "step (voxels)",
+            "Distance between samples, in multiples of the smallest voxel spacing",
+            true,
+            step,
+        );
+        let share = |number| Slider::new(number, 0.0..=1.0).fixed_decimals(2);
+        let shading = &mut settings.shading;
+        slider_row(ui, "ambient", "Light from everywhere", true, share(&mut shading.ambient));
+        slider_row(ui, "diffuse", "Light by the angle to the lamp", true, share(&mut shading.diffuse));
+        slider_row(ui, "specular", "Highlights", true, share(&mut shading.specular));
+        let light = &mut settings.light;
+        let azimuth = Slider::new(&mut light.azimuth, -180.0..=180.0).fixed_decimals(0).suffix("°");
+        slider_row(ui, "light azimuth", "To the right", true, azimuth);
+        let elevation = Slider::new(&mut light.elevation, -90.0..=90.0).fixed_decimals(0).suffix("°");
+        slider_row(ui, "light elevation", "Upwards", true, elevation);
+        color_row(ui, "background", &mut settings.background);
+    });
+    ui.checkbox(&mut settings.light.follows_camera, "light follows the camera");
+}

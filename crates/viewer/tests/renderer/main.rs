@@ -1,0 +1,8 @@
+//! The two ray marchers on phantoms whose roles are known exactly.
+
+mod comparison;
+mod cpu_gpu;
+mod packed_file;
+mod phantom;
+mod sampling_rule;
+mod shells;

@@ -1,0 +1,166 @@
+//! From a packed file to a picture file.
+
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use glam::DVec3;
+use voxrole_pack::header::{Source, Statistics};
+use voxrole_pack::histogram::HistogramShape;
+use voxrole_pack::layer::Quantization;
+use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
+use voxrole_pack::writer::Description;
+use voxrole_pack::{
+    DistanceQuantization, Histogram, HistogramAxis, HistogramKind, Layer, LayerKind, Reader, ScalarType, Writer,
+};
+use voxrole_viewer::args::{Cli, Command};
+use voxrole_viewer::{VolumeTexels, headless};
+
+use crate::phantom::{Phantom, SHELLS};
+
+/// A folder of its own for each test, emptied first.
+fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+fn small_shells() -> Phantom {
+    let mut phantom = Phantom::concentric_shells();
+    phantom.geometry.dims = [32; 3];
+    phantom.geometry.spacing = [2.0; 3];
+    phantom
+}
+
+/// Writes a phantom as `voxrole prepare` would; values as f32.
+fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
+    let [width, height, depth] = phantom.geometry.dims_usize();
+    let roles: Vec<_> = (0..width * height * depth)
+        .map(|voxel| {
+            phantom.role(DVec3::new(
+                (voxel % width) as f64,
+                (voxel / width % height) as f64,
+                (voxel / (width * height)) as f64,
+            ))
+        })
+        .collect();
+    let values: Vec<f32> = roles.iter().map(|(value, _)| *value as f32).collect();
+    let distance_quantization = DistanceQuantization { d_max: phantom.d_max as f32 };
+    let hit_gradient = phantom.hit_gradient();
+    let distances: Vec<i16> = roles
+        .iter()
+        .map(|(_, hit)| {
+            hit.map_or(DistanceQuantization::NO_BOUNDARY, |(distance, ..)| {
+                distance_quantization.encode(distance as f32)
+            })
+        })
+        .collect();
+    let gradients: Vec<u16> =
+        roles.iter().map(|(_, hit)| hit.map_or(0, |(_, gradient, _)| hit_gradient.encode(gradient as f32))).collect();
+    let normals: Vec<u16> =
+        roles.iter().map(|(_, hit)| hit.map_or(NO_NORMAL, |(.., normal)| encode_normal(normal.as_vec3()))).collect();
+
+    let layer = |kind, scalar_type, quantization| Layer { kind, scalar_type, quantization };
+    let mut writer = Writer::create(path, phantom.geometry.clone())?;
+    let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
+    writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), &values, |value| Some(value.into()))?;
+    let distance_layer = layer(LayerKind::Distance, ScalarType::I16, Quantization::Distance(distance_quantization));
+    writer.write_layer(distance_layer, &distances, |stored| distance_quantization.decode(stored).map(f64::from))?;
+    let gradient_layer = layer(LayerKind::HitGradient, ScalarType::U16, Quantization::HitGradient(hit_gradient));
+    writer.write_layer(gradient_layer, &gradients, |stored| hit_gradient.decode(stored).map(f64::from))?;
+    writer.write_layer(layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral), &normals, |_| None)?;
+    writer.write_histogram(hit_histogram(phantom, &roles))?;
+    writer.finish(Description {
+        made_by: "test".into(),
+        source: Source { name: "phantom".into(), voxels_sha256: [0; 32] },
+        parameters: Vec::new(),
+        statistics: Statistics { value_range: phantom.value_range(), ..Statistics::default() },
+    })
+}
+
+fn hit_histogram(phantom: &Phantom, roles: &[(f64, Option<(f64, f64, DVec3)>)]) -> Histogram {
+    let axes =
+        vec![HistogramAxis { low: 0.0, high: 256.0, bins: 256 }, HistogramAxis { low: 0.0, high: 50.0, bins: 256 }];
+    let mut counts = vec![0; 256 * 256];
+    for (_, gradient, _) in roles.iter().filter_map(|(_, hit)| *hit) {
+        // Halfway up the step, over those of the shells further out.
+        let value = phantom.shells.iter().fold(0.0, |value, shell| {
+            value
+                + if shell.gradient() == gradient {
+                    0.5 * shell.step
+                } else if shell.gradient() < gradient {
+                    shell.step
+                } else {
+                    0.0
+                }
+        });
+        counts[axes[1].bin_of(gradient) * 256 + axes[0].bin_of(value)] += 1;
+    }
+    Histogram { shape: HistogramShape { kind: HistogramKind::HitValueHitGradient, axes }, counts }
+}
+
+fn render(file: &Path, output: &Path, options: &[&str]) -> anyhow::Result<()> {
+    let (file, output) = (file.to_str().expect("UTF-8"), output.to_str().expect("UTF-8"));
+    let arguments = ["voxrole-view", "render", file, "-o", output, "--size", "48x48"];
+    let cli = Cli::try_parse_from(arguments.iter().chain(options)).expect("arguments are understood");
+    match cli.command {
+        Some(Command::Render(arguments)) => headless::render(&arguments),
+        None => unreachable!("the command was given"),
+    }
+}
+
+#[test]
+fn a_packed_file_becomes_the_same_texels() {
+    let path = folder("same_texels").join("shells.vxr");
+    let phantom = small_shells();
+    write(&phantom, &path).expect("is written");
+    let read = VolumeTexels::read(&Reader::open(&path).expect("opens")).expect("reads");
+    let made = phantom.texels();
+    assert_eq!(read.description.dims, made.description.dims);
+    assert_eq!(read.description.hit_gradient, made.description.hit_gradient);
+    assert_eq!(read.texels.len(), made.texels.len());
+    let [low, high] = read.description.value_range;
+    let [_, made_high] = made.description.value_range;
+    for (read, made) in read.texels.iter().zip(&made.texels) {
+        assert_eq!(read[1..], made[1..]);
+        // The file's own value range ends at its largest voxel.
+        let value = f64::from(read[0]) / 65535.0 * (high - low) + low;
+        assert!((value - f64::from(made[0]) / 65535.0 * made_high).abs() < 0.01);
+    }
+}
+
+#[test]
+fn a_picture_file_is_drawn_without_any_knob() {
+    let folder = folder("picture_file");
+    let [packed, output] = ["shells.vxr", "shells.png"].map(|name| folder.join(name));
+    write(&small_shells(), &packed).expect("is written");
+    for options in [&["--cpu"][..], &[]] {
+        render(&packed, &output, options).expect("is drawn");
+        let picture = image::open(&output).expect("is a PNG").to_rgba8();
+        assert_eq!(picture.dimensions(), (48, 48));
+        let [red, _, blue, _] = picture.get_pixel(24, 24).0;
+        assert!(red > blue && red > 60, "the inner boundary shows: {red} {blue}");
+        std::fs::remove_file(&output).expect("is there");
+    }
+}
+
+#[test]
+fn failures_say_why_and_leave_no_file() {
+    let folder = folder("failures");
+    let [packed, output, other] = ["none.vxr", "none.png", "other.raw"].map(|name| folder.join(name));
+    let mut empty = small_shells();
+    empty.d_max = 1e-3;
+    empty.center = DVec3::new(1000.0, 0.0, 0.0);
+    write(&empty, &packed).expect("is written");
+    std::fs::write(&other, b"something else").expect("is written");
+    let missing = folder.join("missing.vxr");
+    for (file, reason) in [(&packed, "no boundary"), (&other, "not a packed file"), (&missing, "missing.vxr")] {
+        let error = format!("{:#}", render(file, &output, &["--cpu"]).expect_err("fails"));
+        assert!(error.contains(reason), "{error}");
+        assert!(!output.exists());
+    }
+    let nowhere = folder.join("nowhere").join("a.png");
+    let region = format!("0:300,{}:{},FFFFFF", 0.5 * SHELLS[1].gradient(), 2.0 * SHELLS[0].gradient());
+    let error = format!("{:#}", render(&packed, &nowhere, &["--cpu", "--region", &region]).expect_err("fails"));
+    assert!(error.contains("nowhere"), "{error}");
+}

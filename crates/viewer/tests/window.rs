@@ -1,0 +1,301 @@
+//! The window, driven without a display: clicks, drags and pictures through egui's test harness.
+//!
+//! Without a GPU adapter the tests skip and say so; with `VOXROLE_REQUIRE_GPU=1` they fail.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupCreateNew};
+use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2, pos2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state};
+use voxrole_pack::Reader;
+use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
+use voxrole_preprocess::progress::Silent;
+use voxrole_preprocess::settings::{Method, Settings};
+use voxrole_viewer::state::{Camera, EmphasisKind};
+use voxrole_viewer::ui::axis::PlotArea;
+use voxrole_viewer::ui::opened_volume::OpenedVolume;
+use voxrole_viewer::ui::refinement::Detail;
+use voxrole_viewer::ui::{ViewerWindow, theme, window_ui};
+use voxrole_viewer::{Gpu, Renderer, Target, VolumeTexels};
+
+const HISTOGRAM: &str = "Histogram of value and gradient magnitude at the hit";
+/// Seconds between two passes of the window.
+const STEP_SECONDS: f32 = 0.05;
+const PICTURE: &str = "Picture of the volume";
+
+/// Two concentric shells of 32 voxels a side, prepared once.
+fn shells() -> &'static Path {
+    static FILE: OnceLock<PathBuf> = OnceLock::new();
+    FILE.get_or_init(|| {
+        let settings = PhantomSettings { dims: [32; 3], blur: 1.0, ..PhantomSettings::default() };
+        let grid = Phantom::Shells.generate(&settings).expect("a phantom");
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-shells.vxr");
+        voxrole_preprocess::prepare(&grid, &Settings::new(Method::Fast), &path, &Silent).expect("a packed file");
+        path
+    })
+}
+
+/// The device as `app::run` asks for it, or `None` where there is none and none is required.
+fn render_state() -> Option<RenderState> {
+    if let Err(error) = Gpu::new() {
+        assert!(std::env::var_os("VOXROLE_REQUIRE_GPU").is_none(), "VOXROLE_REQUIRE_GPU is set, but {error}");
+        eprintln!("SKIPPED: {error}");
+        return None;
+    }
+    let mut setup = WgpuSetupCreateNew::without_display_handle();
+    setup.device_descriptor = Arc::new(Gpu::device_descriptor);
+    Some(create_render_state(WgpuSetup::CreateNew(setup), RendererOptions::PREDICTABLE))
+}
+
+fn texels() -> VolumeTexels {
+    VolumeTexels::read(&Reader::open(shells()).expect("opens")).expect("reads")
+}
+
+/// A window that has drawn its first picture in full.
+fn open() -> Option<Harness<'static, ViewerWindow>> {
+    let render_state = render_state()?;
+    let texels = texels();
+    let reader = Reader::open(shells()).expect("opens");
+    let volume = OpenedVolume::read(shells(), &reader, &texels.description).expect("has histograms");
+    let mut window = ViewerWindow::new(&render_state, volume, &texels).expect("fits the device");
+    // A software adapter is four times faster at it.
+    window.view.render_settings.step = 1.0;
+    let mut harness = Harness::builder()
+        .with_size(vec2(900.0, 1400.0))
+        .with_max_steps(200)
+        // Short enough for a double click.
+        .with_step_dt(STEP_SECONDS)
+        .with_context_setup(theme::apply)
+        .renderer(WgpuTestRenderer::from_render_state(render_state))
+        .build_ui_state(window_ui, window);
+    settle(&mut harness);
+    Some(harness)
+}
+
+/// Lets the hand rest until the picture is drawn in full, however slow the device is.
+fn settle(harness: &mut Harness<'_, ViewerWindow>) {
+    harness.run();
+    for _ in 0..2000 {
+        if harness.state().preview.last().is_some_and(|drawn| drawn.detail == Detail::FULL) {
+            break;
+        }
+        harness.step();
+    }
+    harness.run();
+}
+
+fn rect_of(harness: &Harness<'_, ViewerWindow>, label: &str) -> Rect {
+    harness.get_by_label(label).rect()
+}
+
+fn drag(harness: &mut Harness<'_, ViewerWindow>, button: PointerButton, modifiers: Modifiers, from: Pos2, to: Pos2) {
+    let press = |pos, pressed| Event::PointerButton { pos, button, pressed, modifiers };
+    harness.hover_at(from);
+    harness.step();
+    harness.event_modifiers(press(from, true), modifiers);
+    harness.step();
+    for share in [0.5, 1.0] {
+        harness.event_modifiers(Event::PointerMoved(from + share * (to - from)), modifiers);
+        harness.step();
+    }
+    harness.event_modifiers(press(to, false), modifiers);
+    harness.step();
+    harness.remove_cursor();
+    settle(harness);
+}
+
+fn plot_area(harness: &Harness<'_, ViewerWindow>) -> PlotArea {
+    let [x, y] = harness.state().histogram.span();
+    PlotArea { rect: rect_of(harness, HISTOGRAM), x, y }
+}
+
+fn is_close(found: f32, expected: f64, tolerance: f64) -> bool {
+    (f64::from(found) - expected).abs() <= tolerance
+}
+
+#[test]
+fn the_first_picture_shows_the_proposed_regions_unchanged_by_egui() {
+    let Some(mut harness) = open() else { return };
+    let window = harness.state();
+    assert!(!window.volume.proposed_regions.is_empty());
+    assert_eq!(window.view.transfer_function.regions, window.volume.proposed_regions);
+
+    let rect = rect_of(&harness, PICTURE);
+    let shown = harness.render().expect("a picture of the window");
+    let mut view = harness.state().view.clone();
+    view.render_settings.image_size = [rect.width().round() as u32, rect.height().round() as u32];
+    let picture = harness.state_mut().preview.picture(&view).expect("a picture");
+    let (mut different, mut lit, mut count) = (0, 0, 0);
+    let middle = Rect::from_center_size(rect.center().round(), Vec2::splat(160.0));
+    for y in middle.top() as u32..middle.bottom() as u32 {
+        for x in middle.left() as u32..middle.right() as u32 {
+            let expected = picture.pixel(x - rect.left() as u32, y - rect.top() as u32);
+            let found = shown.get_pixel(x, y).0;
+            count += 1;
+            lit += u32::from(expected[..3] != [0; 3]);
+            different += u32::from(found.iter().zip(expected).any(|(found, expected)| found.abs_diff(expected) > 1));
+        }
+    }
+    assert!(lit > count / 10, "{lit} of {count} pixels are lit");
+    assert!(different < count / 1000, "{different} of {count} pixels differ from the renderer's picture");
+}
+
+#[test]
+fn a_window_at_rest_draws_nothing() {
+    let Some(mut harness) = open() else { return };
+    let pictures = harness.state().preview.pictures();
+    assert!((1..=5).contains(&pictures), "{pictures} pictures for the first one");
+    harness.run_steps(5);
+    assert_eq!(harness.state().preview.pictures(), pictures);
+    let delay = harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
+    assert_eq!(delay, std::time::Duration::MAX, "no further pass is asked for");
+}
+
+#[test]
+fn regions_are_dragged_resized_drawn_and_removed_in_the_histogram() {
+    let Some(mut harness) = open() else { return };
+    let area = plot_area(&harness);
+    let [per_x, per_y] = area.plot_per_screen();
+    let at = |x: f32, y: f32| area.rect.lerp_inside(vec2(x, y));
+    let [left, right, top, bottom] = [at(0.3, 0.0), at(0.6, 0.0), at(0.0, 0.3), at(0.0, 0.7)];
+    let [value_low, gradient_low] = area.plot_from_screen(pos2(left.x, bottom.y));
+    let [value_high, gradient_high] = area.plot_from_screen(pos2(right.x, top.y));
+    let regions = &mut harness.state_mut().view.transfer_function.regions;
+    regions.truncate(1);
+    regions[0].value = [value_low as f32, value_high as f32];
+    regions[0].gradient = [gradient_low as f32, gradient_high as f32];
+    let start = regions[0];
+    settle(&mut harness);
+    let pictures = harness.state().preview.pictures();
+
+    // The inside moves it.
+    let none = Modifiers::NONE;
+    let middle = pos2(0.5 * (left.x + right.x), 0.5 * (top.y + bottom.y));
+    drag(&mut harness, PointerButton::Primary, none, middle, middle + vec2(30.0, -20.0));
+    let moved = harness.state().view.transfer_function.regions[0];
+    assert!(is_close(moved.value[0], f64::from(start.value[0]) + 30.0 * per_x, per_x), "{moved:?}");
+    assert!(is_close(moved.gradient[1], f64::from(start.gradient[1]) + 20.0 * per_y, per_y), "{moved:?}");
+    assert_eq!(harness.state().histogram.selected, Some(0));
+    assert!(harness.state().preview.pictures() > pictures, "the picture follows");
+
+    // The right edge changes the highest value alone.
+    let edge = pos2(right.x + 30.0, middle.y - 20.0);
+    drag(&mut harness, PointerButton::Primary, none, edge, edge + vec2(-25.0, 50.0));
+    let resized = harness.state().view.transfer_function.regions[0];
+    assert!(is_close(resized.value[1], f64::from(moved.value[1]) - 25.0 * per_x, per_x), "{resized:?}");
+    assert_eq!((resized.value[0], resized.gradient), (moved.value[0], moved.gradient));
+
+    // Free ground draws another one.
+    drag(&mut harness, PointerButton::Primary, none, at(0.05, 0.9), at(0.2, 0.8));
+    let regions = &harness.state().view.transfer_function.regions;
+    assert_eq!(regions.len(), 2);
+    assert!(is_close(regions[1].value[1], area.plot_from_screen(at(0.2, 0.8))[0], per_x), "{:?}", regions[1]);
+    assert_ne!(regions[0].color, regions[1].color);
+
+    harness.key_press(egui::Key::Delete);
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.regions, [resized]);
+}
+
+#[test]
+fn the_region_list_adds_removes_and_proposes() {
+    let Some(mut harness) = open() else { return };
+    let proposed = harness.state().volume.proposed_regions.clone();
+    harness.get_by_label("Add region").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.regions.len(), proposed.len() + 1);
+    harness.get_by_label("Remove region 1").click();
+    settle(&mut harness);
+    let regions = &harness.state().view.transfer_function.regions;
+    assert_eq!((regions.len(), regions[0] == proposed[0]), (proposed.len(), false));
+    harness.get_by_label("Proposed regions").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.regions, proposed);
+}
+
+#[test]
+fn the_boundary_sliders_and_presets_change_the_emphasis_and_the_picture() {
+    let Some(mut harness) = open() else { return };
+    let pictures = harness.state().preview.pictures();
+    let slider = harness.get_by_role_and_label(egui::Role::Slider, "a").rect();
+    let from = slider.right_center() - vec2(4.0, 0.0);
+    drag(&mut harness, PointerButton::Primary, Modifiers::NONE, from, slider.center());
+    let a = harness.state().view.transfer_function.emphasis.a;
+    assert!((0.4..0.6).contains(&a), "{a}");
+    assert!(harness.state().preview.pictures() > pictures);
+
+    harness.get_by_label("convex, n = 3").click();
+    settle(&mut harness);
+    let emphasis = harness.state().view.transfer_function.emphasis;
+    assert_eq!((emphasis.kind, emphasis.a, emphasis.n), (EmphasisKind::Convex, 1.0, 3.0));
+    assert!((emphasis.d_c - 15.0).abs() < 1e-3, "{}", emphasis.d_c);
+    harness.get_by_label("linear").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.emphasis.kind, EmphasisKind::Linear);
+}
+
+#[test]
+fn the_hand_orbits_pans_zooms_and_resets() {
+    let Some(mut harness) = open() else { return };
+    let middle = rect_of(&harness, PICTURE).center();
+    let start = harness.state().view.camera;
+    drag(&mut harness, PointerButton::Primary, Modifiers::NONE, middle, middle + vec2(50.0, 25.0));
+    let orbited = harness.state().view.camera;
+    assert!((orbited.azimuth - (start.azimuth - 20.0)).abs() < 1.0, "{orbited:?}");
+    assert!((orbited.elevation - (start.elevation + 10.0)).abs() < 1.0, "{orbited:?}");
+    assert_eq!(orbited.pan, [0.0; 2]);
+
+    drag(&mut harness, PointerButton::Primary, Modifiers::SHIFT, middle, middle + vec2(40.0, 0.0));
+    drag(&mut harness, PointerButton::Secondary, Modifiers::NONE, middle, middle + vec2(0.0, -40.0));
+    let panned = harness.state().view.camera;
+    assert!(panned.pan[0] < 0.0 && panned.pan[1] < 0.0, "the volume goes right and up: {panned:?}");
+    assert_eq!(panned.azimuth, orbited.azimuth);
+
+    harness.hover_at(middle);
+    harness.step();
+    harness.event(Event::MouseWheel {
+        unit: MouseWheelUnit::Point,
+        delta: Vec2::new(0.0, 100.0),
+        source: egui::MouseWheelSource::Wheel,
+        phase: TouchPhase::Move,
+        modifiers: Modifiers::NONE,
+    });
+    settle(&mut harness);
+    assert!(harness.state().view.camera.zoom > 1.1, "{}", harness.state().view.camera.zoom);
+
+    for _ in 0..2 {
+        harness.get_by_label(PICTURE).click();
+    }
+    settle(&mut harness);
+    assert_eq!(harness.state().view.camera, Camera::default());
+}
+
+#[test]
+fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_unasked() {
+    let Some(mut harness) = open() else { return };
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-saved.png");
+    std::fs::write(&path, b"something else").expect("writes");
+    assert_eq!(harness.state().save.path, shells().with_extension("png").display().to_string());
+    let window = harness.state_mut();
+    window.save.path = path.display().to_string();
+    window.view.render_settings.image_size = [120, 90];
+    let view = window.view.clone();
+    settle(&mut harness);
+    harness.get_by_label("Save PNG").click();
+    settle(&mut harness);
+    assert_eq!(std::fs::read(&path).expect("reads"), b"something else");
+    harness.get_by_label("Replace PNG").click();
+    settle(&mut harness);
+
+    let saved = image::open(&path).expect("a picture").into_rgba8();
+    assert_eq!(saved.dimensions(), (120, 90));
+    assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
+    let gpu = Gpu::new().expect("opened before");
+    let target = Target::new(&gpu, [120, 90]).expect("fits");
+    Renderer::new(&gpu, &texels()).expect("fits").draw(&view, &target);
+    let expected = target.read_back(&gpu).expect("a picture");
+    assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
+}
