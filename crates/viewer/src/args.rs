@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
@@ -16,9 +17,12 @@ pub struct Cli {
     /// What to do; without a command, a window opens on FILE.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// Packed file to open in a window.
+    /// Packed file to open in a window; a volume that is not packed is prepared first.
     #[arg(required = true, value_name = "FILE")]
     pub file: Option<PathBuf>,
+    /// Layout of a headerless volume.
+    #[command(flatten)]
+    pub raw: RawArgs,
 }
 
 /// The commands.
@@ -26,12 +30,28 @@ pub struct Cli {
 pub enum Command {
     /// Draw one picture into a PNG file.
     Render(RenderArgs),
+    /// Do the main job from end to end, on a phantom or on a volume: packed file, report, histograms, slices, picture.
+    Demo(DemoArgs),
+}
+
+/// What `demo` takes.
+#[derive(Clone, Debug, Args)]
+pub struct DemoArgs {
+    /// Volume to prepare; without one, a phantom of three balls is made.
+    #[arg(value_name = "VOLUME")]
+    pub input: Option<PathBuf>,
+    /// Folder for everything that is made.
+    #[arg(short, long, value_name = "FOLDER", default_value = "voxrole-demo")]
+    pub output: PathBuf,
+    /// Layout of a headerless volume.
+    #[command(flatten)]
+    pub raw: RawArgs,
 }
 
 /// What `render` takes.
 #[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
-    /// Packed file.
+    /// Packed file; a volume that is not packed is prepared first.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// PNG file to write.
@@ -61,6 +81,9 @@ pub struct RenderArgs {
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,
+    /// Layout of a headerless volume.
+    #[command(flatten)]
+    pub raw: RawArgs,
 }
 
 /// Pixels to the right and down.
@@ -97,7 +120,7 @@ mod tests {
         let all = ["voxrole-view", "render", "a.vxr", "-o", "a.png"].iter().chain(arguments);
         Cli::try_parse_from(all).map(|cli| match cli.command {
             Some(Command::Render(render)) => render,
-            None => panic!("the command was given"),
+            _ => panic!("the command was given"),
         })
     }
 

@@ -1,5 +1,7 @@
 //! A picture file without a window.
 
+use std::path::Path;
+
 use anyhow::{Context, bail};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 
@@ -8,7 +10,7 @@ use crate::classify::propose_regions;
 use crate::open::open_or_prepare;
 use crate::reference::RayMarcher;
 use crate::render::{Gpu, Renderer, Target};
-use crate::state::ViewState;
+use crate::state::{Region, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture};
 
@@ -19,12 +21,24 @@ use crate::{Error, Picture};
 /// # Errors
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
-    let reader = open_or_prepare(&arguments.file)?;
+    let opened = open_or_prepare(&arguments.file, arguments.raw.layout().as_ref())?;
+    let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
-    let state = state(&reader, arguments).with_context(named)?;
-    let volume = VolumeTexels::read(&reader).with_context(named)?;
+    let state = state(reader, arguments).with_context(named)?;
+    let volume = VolumeTexels::read(reader).with_context(named)?;
     let picture = draw(&volume, &state, arguments.cpu).with_context(named)?;
     let output = &arguments.output;
+    atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
+}
+
+/// Draws the picture that needs no knob, with proposed regions, and writes it under its name when it is complete.
+///
+/// # Errors
+/// As [`render`].
+pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
+    let mut state = ViewState::default();
+    state.transfer_function.regions = proposed_regions(reader)?;
+    let picture = draw(&VolumeTexels::read(reader)?, &state, false)?;
     atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
 }
 
@@ -64,14 +78,19 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     state.render_settings.background = arguments.background;
     state.transfer_function.regions = arguments.regions.clone();
     if arguments.regions.is_empty() {
-        let histogram = reader.read_histogram(HistogramKind::HitValueHitGradient)?;
-        state.transfer_function.regions = propose_regions(&histogram, reader.header().geometry.smallest_spacing());
-        if state.transfer_function.regions.is_empty() {
-            bail!("no boundary was found in this volume: give a `--region`, or prepare it with other settings");
-        }
+        state.transfer_function.regions = proposed_regions(reader)?;
         for region in &state.transfer_function.regions {
             println!("--region {region}");
         }
     }
     Ok(state)
+}
+
+fn proposed_regions(reader: &Reader) -> anyhow::Result<Vec<Region>> {
+    let histogram = reader.read_histogram(HistogramKind::HitValueHitGradient)?;
+    let regions = propose_regions(&histogram, reader.header().geometry.smallest_spacing());
+    if regions.is_empty() {
+        bail!("no boundary was found in this volume: give a `--region`, or prepare it with other settings");
+    }
+    Ok(regions)
 }

@@ -7,6 +7,7 @@
 pub mod app;
 pub mod args;
 pub mod classify;
+pub mod demo;
 pub mod error;
 pub mod frame;
 pub mod headless;

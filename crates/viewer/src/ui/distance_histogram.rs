@@ -42,7 +42,11 @@ fn paint_bars(painter: &Painter, area: &PlotArea, counts: &[u64]) {
         let count = counts[shown].iter().copied().max().unwrap_or(0);
         let height = ((count as f64).ln_1p() * scale) as f32 * area.rect.height();
         let foot = area.rect.left_bottom() + vec2(column as f32 * pixel, 0.0);
-        painter.rect_filled(Rect::from_min_max(foot - vec2(0.0, height), foot + vec2(pixel, 0.0)), 0.0, theme::PLOT_BAR);
+        painter.rect_filled(
+            Rect::from_min_max(foot - vec2(0.0, height), foot + vec2(pixel, 0.0)),
+            0.0,
+            theme::PLOT_BAR,
+        );
     }
 }
 

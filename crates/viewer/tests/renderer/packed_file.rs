@@ -105,7 +105,7 @@ fn render(file: &Path, output: &Path, options: &[&str]) -> anyhow::Result<()> {
     let cli = Cli::try_parse_from(arguments.iter().chain(options)).expect("arguments are understood");
     match cli.command {
         Some(Command::Render(arguments)) => headless::render(&arguments),
-        None => unreachable!("the command was given"),
+        _ => unreachable!("the command was given"),
     }
 }
 
@@ -154,7 +154,7 @@ fn failures_say_why_and_leave_no_file() {
     write(&empty, &packed).expect("is written");
     std::fs::write(&other, b"something else").expect("is written");
     let missing = folder.join("missing.vxr");
-    for (file, reason) in [(&packed, "no boundary"), (&other, "not a packed file"), (&missing, "missing.vxr")] {
+    for (file, reason) in [(&packed, "no boundary"), (&other, "--dims"), (&missing, "missing.vxr")] {
         let error = format!("{:#}", render(file, &output, &["--cpu"]).expect_err("fails"));
         assert!(error.contains(reason), "{error}");
         assert!(!output.exists());

@@ -1,0 +1,114 @@
+//! The main job from end to end: a volume becomes a packed file, a report, histograms, slices and a picture.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::Context;
+use voxrole_pack::{HistogramKind, Reader, atomic_file};
+use voxrole_preprocess::fields::{Field, read_field};
+use voxrole_preprocess::io::read_volume;
+use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
+use voxrole_preprocess::plot::{HistogramLabels, SliceAxis, SliceShading, histogram_png, slice_png};
+use voxrole_preprocess::progress::Progress;
+use voxrole_preprocess::settings::{Method, Settings};
+use voxrole_preprocess::{Grid, prepare};
+
+use crate::args::DemoArgs;
+use crate::headless;
+
+/// Edge of the demo's own phantom, in voxels.
+const PHANTOM_EDGE: u32 = 128;
+
+/// Runs the main job on a file, or on a phantom where none is named, and says what it leaves where.
+///
+/// # Errors
+/// When the input cannot be read or the output folder cannot be written to.
+pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
+    let folder = &arguments.output;
+    fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
+    let grid = match &arguments.input {
+        Some(path) => read_volume(path, arguments.raw.layout().as_ref())?,
+        None => phantom()?,
+    };
+    let [x, y, z] = grid.geometry.dims;
+    println!("{}: {x}x{y}x{z} voxels of {}", grid.name, grid.scalars.scalar_type().name());
+
+    let packed = folder.join("roles.vxr");
+    let settings = Settings { keep_derivatives: true, ..Settings::new(Method::Fast) };
+    let report = prepare(&grid, &settings, &packed, &Lines)?;
+    let counts = &report.counts;
+    let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
+    println!("prepared in {:.1} s: {share:.1} % of the voxels have a boundary", report.seconds);
+    write(&folder.join("report.json"), &serde_json::to_vec_pretty(&report)?)?;
+    drop(grid);
+
+    let reader = Reader::open(&packed)?;
+    reader.verify()?;
+    histograms(&reader, folder)?;
+    slices(&reader, folder)?;
+    let picture = folder.join("picture.png");
+    headless::first_picture(&reader, &picture)?;
+
+    println!("\nin {}:", folder.display());
+    for (file, what) in [
+        ("roles.vxr", "the packed file; look at it with `voxrole-view`, `voxrole info`, `voxrole export`"),
+        ("report.json", "seconds and counts"),
+        ("histogram-hit-hit.png", "every boundary is a blob here; and four more histograms"),
+        ("slice-distance.png", "distance to the boundary, white on it; and three more slices"),
+        ("picture.png", "the boundaries, drawn without setting anything"),
+    ] {
+        println!("  {file:<22} {what}");
+    }
+    Ok(())
+}
+
+fn phantom() -> anyhow::Result<Grid> {
+    let settings = PhantomSettings { dims: [PHANTOM_EDGE; 3], noise: 0.005, ..PhantomSettings::default() };
+    Ok(Phantom::ThreeBalls.generate(&settings)?)
+}
+
+fn histograms(reader: &Reader, folder: &Path) -> anyhow::Result<()> {
+    let header = reader.header();
+    let labels = HistogramLabels { source: &header.source.name, length_unit: &header.geometry.unit };
+    for kind in HistogramKind::ALL {
+        let picture = histogram_png(&reader.read_histogram(kind)?, &labels)?;
+        write(&folder.join(format!("histogram-{}.png", kind.name())), &picture)?;
+    }
+    Ok(())
+}
+
+fn slices(reader: &Reader, folder: &Path) -> anyhow::Result<()> {
+    let geometry = &reader.header().geometry;
+    let middle = geometry.dims[2] / 2;
+    for (name, field) in [
+        ("value", Field::Value),
+        ("distance", Field::Distance),
+        ("second-derivative", Field::SecondDerivative),
+        ("hit-gradient", Field::HitGradient),
+    ] {
+        let values = read_field(reader, field)?;
+        let shading = match field {
+            Field::Distance => SliceShading::Distance { d_max: reader.distance_quantization()?.d_max },
+            Field::SecondDerivative => SliceShading::second_derivative(&values),
+            Field::HitGradient => SliceShading::hit_gradient(&values),
+            _ => SliceShading::value(&values),
+        };
+        let picture = slice_png(&values, geometry, SliceAxis::Z, middle, &shading)?;
+        write(&folder.join(format!("slice-{name}.png")), &picture)?;
+    }
+    Ok(())
+}
+
+fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
+}
+
+/// A line per stage.
+struct Lines;
+
+impl Progress for Lines {
+    fn begin(&self, stage: &'static str, _: u64) {
+        println!("  {stage} …");
+    }
+    fn step(&self) {}
+}
