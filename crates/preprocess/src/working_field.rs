@@ -7,7 +7,7 @@ use ndarray::Array3;
 use rayon::prelude::*;
 use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::scalar::Scalar;
-use voxrole_pack::with_scalars;
+use voxrole_pack::{Scalars, with_scalars};
 
 use crate::{Error, Grid, Result};
 
@@ -31,7 +31,7 @@ pub struct WorkingField {
 
 impl WorkingField {
     /// Scales a grid's values. Types that f32 does not hold exactly (u32, i32, f64) are first shifted by the middle of
-    /// their range, so that a large offset costs no precision.
+    /// their range where they lie far from 0, so that a large offset costs no precision.
     ///
     /// # Errors
     /// [`Error::Parameter`] when no voxel is finite, [`Error::Pack`] when memory runs out.
@@ -39,11 +39,7 @@ impl WorkingField {
         let [low, high] = grid.scalars.finite_range().ok_or_else(|| {
             Error::Parameter(format!("{}: every voxel is NaN or infinite; there is nothing to prepare", grid.name))
         })?;
-        let exact_in_f32 = !matches!(
-            grid.scalars,
-            voxrole_pack::Scalars::U32(_) | voxrole_pack::Scalars::I32(_) | voxrole_pack::Scalars::F64(_)
-        );
-        let shift = if exact_in_f32 { 0.0 } else { (low / 2.0 + high / 2.0).trunc() };
+        let shift = shift(&grid.scalars, low, high);
         let largest = (low - shift).abs().max((high - shift).abs());
         let scale = power_of_two_at_least(largest);
         // A negative slope turns the field upside down; the sign belongs to the value, not to the scale.
@@ -110,6 +106,18 @@ pub fn voxels_mut(field: &mut Field) -> &mut [f32] {
     field.as_slice_mut().expect("fields are made in standard layout")
 }
 
+/// What is taken off stored numbers before they become f32. Values near 0 are left alone: they may be tails that are
+/// known to many digits.
+fn shift(scalars: &Scalars, low: f64, high: f64) -> f64 {
+    let is_far = low.abs().max(high.abs()) > 2.0 * (high - low);
+    let middle = low / 2.0 + high / 2.0;
+    match scalars {
+        Scalars::U32(_) | Scalars::I32(_) if is_far => middle.trunc(),
+        Scalars::F64(_) if is_far => middle,
+        _ => 0.0,
+    }
+}
+
 fn scaled(value: f64, shift: f64, factor: f64) -> f32 {
     if value.is_finite() { ((value - shift) * factor) as f32 } else { f32::NAN }
 }
@@ -125,7 +133,7 @@ fn power_of_two_at_least(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use voxrole_pack::{GridGeometry, Scalars};
+    use voxrole_pack::GridGeometry;
 
     use super::*;
 
@@ -160,6 +168,10 @@ mod tests {
     fn a_large_offset_costs_nothing() {
         let field = working(Scalars::I32(vec![2_000_000_000, 2_000_000_001, 2_000_000_005]), 1.0);
         assert_eq!(physical(&field), [2_000_000_005.0, 2_000_000_006.0, 2_000_000_010.0]);
+        let field = working(Scalars::F64(vec![1e6, 1e6 + 1e-6, 1e6 + 1.0]), 1.0);
+        assert!((physical(&field)[1] - physical(&field)[0] - 1e-6).abs() < 1e-7, "{:?}", physical(&field));
+        let field = working(Scalars::F64(vec![1e-12, 1.0]), 1.0);
+        assert!((f64::from(voxels(&field.values)[0]) * field.value_scale / 1e-12 - 1.0).abs() < 1e-6);
     }
 
     #[test]

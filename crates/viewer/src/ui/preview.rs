@@ -170,10 +170,10 @@ impl Preview {
         };
         let [width, height] = partial.target.size();
         let row_work = work([width, 1], wanted.render_settings.step * detail.step_factor);
-        let strip = self.refinement.strip(row_work);
         let start = Instant::now();
         while partial.rows < height && start.elapsed().as_secs_f64() < PASS_BUDGET {
-            self.draw_rows(wanted, &mut partial, strip)?;
+            let seconds = self.draw_rows(wanted, &mut partial, self.refinement.strip(row_work))?;
+            self.refinement.strip_finished(seconds);
         }
         if partial.rows < height {
             self.refining = Some(partial);
@@ -183,7 +183,8 @@ impl Preview {
         Ok(())
     }
 
-    fn draw_rows(&mut self, wanted: &ViewState, partial: &mut PartialPicture, rows: u32) -> Result<()> {
+    /// Draws the next rows and waits for them; returns the seconds that they took.
+    fn draw_rows(&mut self, wanted: &ViewState, partial: &mut PartialPicture, rows: u32) -> Result<f64> {
         let mut state = wanted.clone();
         state.render_settings.step *= partial.detail.step_factor;
         let end = (partial.rows + rows).min(partial.height());
@@ -196,9 +197,10 @@ impl Preview {
             device: gpu.name.clone(),
             reason: error.to_string(),
         })?;
-        partial.seconds += start.elapsed().as_secs_f64();
+        let seconds = start.elapsed().as_secs_f64();
+        partial.seconds += seconds;
         partial.rows = end;
-        Ok(())
+        Ok(seconds)
     }
 
     /// Hands a finished picture to egui.

@@ -9,8 +9,13 @@ const DIRECT_BUDGET: f64 = 1.0;
 /// How long the window may be deaf while it refines, in seconds: about as long as a software adapter takes to paint the
 /// panels anew, so that it spends at least half of its time on the picture.
 pub const PASS_BUDGET: f64 = 0.25;
-/// How long one strip of rows may take, in seconds; rows differ, so that a pass is filled strip by strip.
+/// How long one strip of rows should take, in seconds; rows differ, so that a pass is filled strip by strip.
 const STRIP_BUDGET: f64 = 0.05;
+/// Fewest rows of a strip: what each strip costs by itself must not become most of its cost.
+const LEAST_STRIP: u32 = 8;
+/// Work of the first strip, little for any device, and the most of any.
+const FIRST_STRIP: f64 = 2e4;
+const MOST_STRIP: f64 = 1e12;
 /// The coarsest picture has one pixel for a square of this side.
 const MOST_DIVISOR: u32 = 8;
 /// The coarsest picture steps by this factor.
@@ -51,6 +56,7 @@ pub struct Refinement {
     drawn: Option<Detail>,
     changed_at: f64,
     seconds_per_work: Option<f64>,
+    strip_work: f64,
     first_draft: Detail,
 }
 
@@ -59,7 +65,13 @@ impl Refinement {
     #[must_use]
     pub fn new(is_cpu: bool) -> Self {
         let first_draft = Detail { divisor: if is_cpu { 4 } else { 2 }, step_factor: MOST_STEP_FACTOR };
-        Self { drawn: None, changed_at: f64::NEG_INFINITY, seconds_per_work: None, first_draft }
+        Self {
+            drawn: None,
+            changed_at: f64::NEG_INFINITY,
+            seconds_per_work: None,
+            strip_work: FIRST_STRIP,
+            first_draft,
+        }
     }
 
     /// What to do at time `now` in seconds. `changed`: the picture shown is no longer the one wanted; `hand_down`: a
@@ -87,8 +99,18 @@ impl Refinement {
     /// How many rows of `row_work` each to draw at once.
     #[must_use]
     pub fn strip(&self, row_work: f64) -> u32 {
-        let row_seconds = self.seconds_per_work.unwrap_or(0.0) * row_work;
-        (STRIP_BUDGET / row_seconds.max(1e-9)).clamp(1.0, 65_536.0) as u32
+        (self.strip_work / row_work.max(1.0)).clamp(f64::from(LEAST_STRIP), 65_536.0) as u32
+    }
+
+    /// Takes note of how long a strip took: the next one grows or shrinks. By the strip itself and not by a picture's
+    /// average, because that holds what many small strips cost, and would make them smaller still.
+    pub fn strip_finished(&mut self, seconds: f64) {
+        if seconds < 0.5 * STRIP_BUDGET {
+            self.strip_work *= 2.0;
+        } else if seconds > 2.0 * STRIP_BUDGET {
+            self.strip_work *= 0.5;
+        }
+        self.strip_work = self.strip_work.clamp(1.0, MOST_STRIP);
     }
 
     /// The finest detail that keeps within the budget: longer steps first, then fewer pixels.
@@ -146,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_very_slow_device_refines_by_steps_and_in_strips() {
+    fn a_very_slow_device_refines_by_steps() {
         let mut refinement = timed(20.0);
         let mut detail = draft(refinement.next(true, false, 0.0, WORK));
         assert_eq!(detail.divisor, MOST_DIVISOR);
@@ -156,8 +178,20 @@ mod tests {
             assert_eq!(next, Detail { divisor, step_factor: 1.0 });
             detail = next;
         }
-        assert_eq!(refinement.strip(WORK / 1000.0), 2);
-        assert_eq!(refinement.strip(WORK), 1);
+    }
+
+    #[test]
+    fn strips_grow_on_a_fast_device_and_shrink_on_a_slow_one() {
+        let mut refinement = Refinement::new(true);
+        let first = refinement.strip(100.0);
+        refinement.strip_finished(0.001);
+        assert_eq!(refinement.strip(100.0), 2 * first);
+        (0..3).for_each(|_| refinement.strip_finished(1.0));
+        assert_eq!(refinement.strip(100.0), first / 4);
+        (0..100).for_each(|_| refinement.strip_finished(1.0));
+        assert_eq!(refinement.strip(100.0), LEAST_STRIP);
+        (0..100).for_each(|_| refinement.strip_finished(0.0));
+        assert_eq!(refinement.strip(100.0), 65_536);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use voxrole_pack::{
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::{VolumeTexels, headless};
 
-use crate::phantom::{Phantom, SHELLS};
+use crate::phantom::{Phantom, Role, SHELLS};
 
 /// A folder of its own for each test, emptied first.
 fn folder(test: &str) -> PathBuf {
@@ -78,7 +78,7 @@ fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
     })
 }
 
-fn hit_histogram(phantom: &Phantom, roles: &[(f64, Option<(f64, f64, DVec3)>)]) -> Histogram {
+fn hit_histogram(phantom: &Phantom, roles: &[Role]) -> Histogram {
     let axes =
         vec![HistogramAxis { low: 0.0, high: 256.0, bins: 256 }, HistogramAxis { low: 0.0, high: 50.0, bins: 256 }];
     let mut counts = vec![0; 256 * 256];

@@ -40,6 +40,9 @@ pub struct Phantom {
 /// The inner shell's step is larger, so that the two differ in g.
 pub const SHELLS: [Shell; 2] = [Shell { radius: 12.0, step: 150.0 }, Shell { radius: 24.0, step: 60.0 }];
 
+/// Value, and signed distance, gradient magnitude at the hit and normal where there is a boundary.
+pub type Role = (f64, Option<(f64, f64, DVec3)>);
+
 impl Phantom {
     /// Shells in the middle of a cube.
     pub fn cube(edge: u32, shells: &[Shell]) -> Self {
@@ -57,7 +60,7 @@ impl Phantom {
     }
 
     /// Value, and where there is one within `d_max`: signed distance, gradient magnitude at the hit, normal.
-    pub fn role(&self, index: DVec3) -> (f64, Option<(f64, f64, DVec3)>) {
+    pub fn role(&self, index: DVec3) -> Role {
         let from_center = index * DVec3::from_array(self.geometry.spacing) - self.center;
         let r = from_center.length();
         let value = self

@@ -1,7 +1,6 @@
 // Opacity and colour by role: the twins of classify/opacity.rs, boundary_emphasis.rs and opacity_correction.rs.
 
 const LINEAR: u32 = 0u;
-const CONCAVE: u32 = 1u;
 const CONVEX: u32 = 2u;
 const VALUE_BINS: u32 = 1024u;
 const GRADIENT_BINS: u32 = 512u;
@@ -19,17 +18,12 @@ fn opacity_by_distance(distance: f32) -> f32 {
         return 0.0;
     }
     let share = distance / frame.emphasis_d_c;
-    switch frame.emphasis_kind {
-        case LINEAR: {
-            return frame.emphasis_a * (1.0 - share);
-        }
-        case CONCAVE: {
-            return frame.emphasis_a * pow(1.0 - share, frame.emphasis_n);
-        }
-        default: {
-            return frame.emphasis_a * (1.0 - pow(share, frame.emphasis_n));
-        }
-    }
+    // Without a branch on the kind: Mesa's lavapipe compiles the shader anew for every picture drawn by a shader whose
+    // branches depend on uniforms alone.
+    let is_convex = frame.emphasis_kind == CONVEX;
+    let base = select(1.0 - share, share, is_convex);
+    let power = select(pow(base, frame.emphasis_n), base, frame.emphasis_kind == LINEAR);
+    return frame.emphasis_a * select(power, 1.0 - power, is_convex);
 }
 
 // Opacity of one step, from that of a path of L_min.
