@@ -27,7 +27,7 @@ advisories:
 
 # The main job on a phantom, into the folder `out`.
 demo:
-    cargo run --release --bin voxrole-view -- demo
+    cargo run --release --no-default-features --bin voxrole-view -- demo
 
 # Gradient magnitude and second derivative against teem's vprobe (Debian package teem-apps; numpy and pynrrd).
 peers-teem REAL_DATA:

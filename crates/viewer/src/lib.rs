@@ -4,6 +4,7 @@
 //! into the numbers of one picture, and two ray marchers draw it by the same rule: [`render`] on the GPU, and
 //! [`mod@reference`] on the CPU, which is the oracle of the first and stands in where there is no GPU.
 
+#[cfg(feature = "window")]
 pub mod app;
 pub mod args;
 pub mod classify;
@@ -16,6 +17,7 @@ pub mod picture;
 pub mod reference;
 pub mod render;
 pub mod state;
+#[cfg(feature = "window")]
 pub mod ui;
 pub mod volume;
 

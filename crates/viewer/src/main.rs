@@ -1,17 +1,18 @@
 //! `voxrole-view`: a window on packed voxel roles, or a picture of them.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
 use voxrole_viewer::args::{Cli, Command};
-use voxrole_viewer::{app, demo, headless};
+use voxrole_viewer::{demo, headless};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match (&cli.command, &cli.file) {
         (Some(Command::Render(arguments)), _) => headless::render(arguments),
         (Some(Command::Demo(arguments)), _) => demo::run(arguments),
-        (None, Some(file)) => app::run(file, cli.raw.layout().as_ref()),
+        (None, Some(file)) => open_window(file, &cli),
         (None, None) => Ok(()),
     };
     match result {
@@ -22,4 +23,18 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+#[cfg(feature = "window")]
+fn open_window(file: &Path, cli: &Cli) -> anyhow::Result<()> {
+    voxrole_viewer::app::run(file, cli.raw.layout().as_ref())
+}
+
+#[cfg(not(feature = "window"))]
+fn open_window(file: &Path, _: &Cli) -> anyhow::Result<()> {
+    let file = file.display();
+    anyhow::bail!(
+        "{file}: this program was built without its window: build it without `--no-default-features`, or draw a picture \
+         with `voxrole-view render {file} -o OUT.png`"
+    )
 }
