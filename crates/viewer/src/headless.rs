@@ -42,7 +42,8 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
 }
 
-/// Draws on the GPU, or on the CPU where that is asked for or there is no GPU; says on standard error which it was.
+/// Draws on the GPU, or on the CPU where that is asked for or there is no adapter but the CPU; says on standard error which
+/// it was.
 ///
 /// # Errors
 /// When the volume or the picture does not fit the device, or the device is lost.
@@ -52,9 +53,14 @@ pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Re
         return draw_on_cpu(volume, state);
     }
     let gpu = match Gpu::new() {
+        Ok(gpu) if gpu.is_cpu => {
+            // The same picture, in half the time.
+            eprintln!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name);
+            return draw_on_cpu(volume, state);
+        }
         Ok(gpu) => gpu,
         Err(error @ Error::NoAdapter(_)) => {
-            eprintln!("voxrole-view: {error}; drawing on the CPU, which gives the same picture more slowly");
+            eprintln!("voxrole-view: {error}; drawing with the CPU ray marcher");
             return draw_on_cpu(volume, state);
         }
         Err(error) => return Err(error),
