@@ -2,11 +2,13 @@
 
 use voxrole_pack::Histogram;
 
-/// Share of a peak that still counts towards its blob's mass.
-const MASS_SHARE: f64 = 0.18;
-/// Share of a peak that still lies within its blob's extent. Small, because g at the hit falls by up to a seventh between
-/// voxels: a boundary whose weakest voxels are left out is drawn with holes.
-const EXTENT_SHARE: f64 = 0.02;
+/// Share of a peak that still belongs to its blob.
+const BLOB_SHARE: f64 = 0.18;
+/// Share of a peak that does so at nearly the same gradient magnitude, see [`SAME_GRADIENT`].
+const SAME_GRADIENT_SHARE: f64 = 0.02;
+/// Interpolated g at the hit varies by up to a seventh over one boundary; if its weakest voxels were left out, it would be
+/// drawn with holes. Farther down lies noise, which must be left out.
+const SAME_GRADIENT: f64 = 0.2;
 /// A peak counts as one of its own if the saddle to a higher one lies below this share of it.
 const SADDLE_SHARE: f64 = 0.7;
 /// Standard deviations of the smoothing to an axis: counts are noisy, boundaries some bins wide.
@@ -115,12 +117,13 @@ fn blobs(weights: &[f64], [width, height]: [usize; 2]) -> Vec<Blob> {
         peaks.iter().map(|&peak| Blob { peak, mass: 0.0, value: [usize::MAX, 0], gradient: [usize::MAX, 0] }).collect();
     for &bin in &order {
         let blob = &mut blobs[root(&owners, labels[bin])];
+        let [x, y] = [bin % width, bin / width];
         let share = weights[bin] / weights[blob.peak];
-        if share >= MASS_SHARE {
+        if share >= BLOB_SHARE {
             blob.mass += weights[bin];
         }
-        if share >= EXTENT_SHARE {
-            let [x, y] = [bin % width, bin / width];
+        let off = y.abs_diff(blob.peak / width) as f64 / (blob.peak / width).max(1) as f64;
+        if share >= BLOB_SHARE || (share >= SAME_GRADIENT_SHARE && off <= SAME_GRADIENT) {
             blob.value = [blob.value[0].min(x), blob.value[1].max(x)];
             blob.gradient = [blob.gradient[0].min(y), blob.gradient[1].max(y)];
         }
