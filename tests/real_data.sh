@@ -4,6 +4,15 @@
 set -euo pipefail
 bin=$1 data=$2 out=$3
 mkdir -p "$out"
+# What `render` is told beyond its defaults: where to look from, and the boundaries to draw where those proposed by default
+# hide what is inside.
+declare -A view=(
+  [cthead]="--camera 40,10,1.3,180"
+  [vismale]="--camera 40,10,1.3,180"
+  [ch2]="--camera 30,20,1.3 --region 88:136,4:21,E69F00,0.6 --region -32:33,5:48,56B4E9,0.03"
+  [mr_gd]="--camera 30,20,1.3 --region 400:1600,200:740,E69F00,0.9 --region -210:324,5:711,009E73,0.04"
+  [brain1]="--camera top,1.3 --alpha concave,1,3,5 --region 900:3000,300:1411,E69F00,0.5 --region -400:500,100:1411,56B4E9,0.02"
+)
 
 volume() {
   local name=$1 sha256=$2 axis=$3 index=$4 input=$5
@@ -20,7 +29,8 @@ volume() {
     "$bin/voxrole" slice "$out/$name-full.vxr" --field "$field" --axis "$axis" --index "$index" -o "$out/$name-slice-$field.png"
   done
   local start=$SECONDS
-  "$bin/voxrole-view" render "$file" -o "$out/$name.png" --size 512x512 > "$out/$name-regions.txt" 2> "$out/$name-render.txt"
+  # shellcheck disable=SC2086 # the options are words
+  "$bin/voxrole-view" render "$file" -o "$out/$name.png" --size 512x512 ${view[$name]:-} > "$out/$name-regions.txt" 2> "$out/$name-render.txt"
   python3 - "$name" "$sha256" "$out" "$((SECONDS - start))" <<'PY'
 import json, sys
 name, sha256, out, rendering = sys.argv[1:]

@@ -66,7 +66,7 @@ fn boundaries_peak_and_the_medial_surface_is_empty() {
         let near = |&&(r, _): &&(f32, f32)| (r - radius).abs() < 0.3;
         let peaks: Vec<f32> =
             found.chunks(290).map(|ray| ray.iter().filter(near).map(|s| s.1).fold(0.0, f32::max)).collect();
-        assert!(peaks.iter().all(|&peak| peak >= 0.95 * THIN.a && peak <= THIN.a * 1.0001), "{radius}: {peaks:?}");
+        assert!(peaks.iter().all(|peak| (0.95 * THIN.a..=1.0001 * THIN.a).contains(peak)), "{radius}: {peaks:?}");
     }
     for (radius, opacity) in found {
         let distance = shells.radii.map(|shell| (radius - shell).abs()).into_iter().fold(f32::INFINITY, f32::min);
