@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use tempfile::NamedTempFile;
 
@@ -10,27 +11,76 @@ use tempfile::NamedTempFile;
 pub struct AtomicFile {
     file: NamedTempFile,
     path: PathBuf,
+    _unfinished: Unfinished,
+}
+
+/// The temporary files that there are now.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Removes every temporary file of this process: for a program that is about to end without unwinding.
+pub fn remove_unfinished() {
+    for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        // Whoever cannot remove it can do nothing more about it.
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+/// One entry of [`UNFINISHED`].
+struct Unfinished(PathBuf);
+
+impl Unfinished {
+    fn new(path: &Path) -> Self {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.0);
+    }
+}
+
+/// Checks, before any work is done, that `output` can be written and is none of `inputs`.
+///
+/// # Errors
+/// [`io::ErrorKind::InvalidInput`] when `output` is one of `inputs`, by whatever name; else as [`AtomicFile::create`].
+pub fn check_output(output: &Path, inputs: &[&Path]) -> io::Result<()> {
+    if let Ok(existing) = output.canonicalize()
+        && inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == existing))
+    {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "the input itself would be overwritten"));
+    }
+    AtomicFile::create(output).map(drop)
 }
 
 impl AtomicFile {
-    /// Creates the temporary file in the folder of `path`.
+    /// Creates the temporary file in the folder of `path`, or of the file that `path` links to.
     ///
     /// # Errors
-    /// Whatever the operating system says, such as a missing folder.
+    /// When there is no such folder, when `path` names something that is not a regular file (a folder, a device, a link to
+    /// nowhere), or whatever else the operating system says.
     pub fn create(path: &Path) -> io::Result<Self> {
+        let path = if path.is_symlink() { path.canonicalize()? } else { path.to_owned() };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {
             return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no folder {}", folder.display())));
         }
-        if path.is_dir() {
-            return Err(io::Error::new(io::ErrorKind::IsADirectory, format!("{} is a folder", path.display())));
+        if path.exists() && !path.is_file() {
+            let message = format!("{} is not a regular file", path.display());
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         }
         let mut builder = tempfile::Builder::new();
         builder.prefix(".voxrole-").suffix(".partial");
         #[cfg(unix)]
         // What any other program would create: readable by all that the umask lets.
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        Ok(Self { file: builder.tempfile_in(folder)?, path: path.to_owned() })
+        let file = builder.tempfile_in(folder).map_err(|error| {
+            // Without the temporary file's name, which says nothing to the user.
+            io::Error::new(error.kind(), format!("the folder {} cannot be written to", folder.display()))
+        })?;
+        let unfinished = Unfinished::new(file.path());
+        Ok(Self { file, path, _unfinished: unfinished })
     }
 
     /// The open file.
@@ -56,4 +106,47 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = AtomicFile::create(path)?;
     file.file_mut().write_all(bytes)?;
     file.commit()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_that_would_do_harm_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        write(&path("input"), b"precious").expect("writes");
+        assert!(check_output(&path("input"), &[&path("input")]).is_err());
+        assert!(check_output(folder.path(), &[]).is_err());
+        assert!(check_output(&path("no/such"), &[]).is_err());
+        assert!(check_output(&path("output"), &[&path("input")]).is_ok());
+        assert!(!path("output").exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_and_devices_left_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        write(&path("target"), b"old").expect("writes");
+        std::os::unix::fs::symlink(path("target"), path("link")).expect("links");
+        std::os::unix::fs::symlink(path("nowhere"), path("dangling")).expect("links");
+        write(&path("link"), b"new").expect("writes");
+        assert!(path("link").is_symlink());
+        assert_eq!(std::fs::read(path("target")).expect("reads"), b"new");
+        assert!(check_output(&path("link"), &[&path("target")]).is_err());
+        assert!(AtomicFile::create(&path("dangling")).is_err());
+        assert!(AtomicFile::create(Path::new("/dev/null")).is_err());
+    }
+
+    #[test]
+    fn unfinished_files_can_be_removed_at_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = AtomicFile::create(&folder.path().join("output")).expect("creates");
+        let temporary = file.file.path().to_owned();
+        assert!(UNFINISHED.lock().expect("is sound").contains(&temporary));
+        drop(file);
+        assert!(!UNFINISHED.lock().expect("is sound").contains(&temporary) && !temporary.exists());
+    }
 }

@@ -7,6 +7,11 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
+    // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
+    let _ = ctrlc::set_handler(|| {
+        voxrole_pack::atomic_file::remove_unfinished();
+        std::process::exit(130);
+    });
     match cli::run(&cli::args::Cli::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -270,6 +270,13 @@ fn wrong_requests_are_explained() {
         ("prepare ball.nrrd -o out.vxr --step 0", "--step"),
         ("prepare ball.nrrd -o out.vxr --dmax 0.1", "--dmax"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --spatial-sigma 0", "--spatial-sigma"),
+        ("prepare ball.nrrd -o ball.nrrd", "overwritten"),
+        ("export ball.vxr --field value -o ball.vxr", "ball.vxr"),
+        ("slice ball.vxr --field value --axis z --index 3 -o out.jpg", "png"),
+        ("histogram ball.vxr --kind v-g -o .", "."),
+        ("prepare ball.nrrd -o out.vxr --report no/such.json", "no folder"),
+        ("prepare ball.nrrd -o out.vxr --radius 3", "--smooth"),
+        ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
         ("phantom ball --dims 0,4,4 -o out.nrrd", "dimensions"),
         ("phantom ball --dims 4,4,4 --blur 0 -o out.nrrd", "blur"),
     ] {

@@ -21,14 +21,22 @@ use crate::{Error, Picture};
 /// # Errors
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
+    let output = &arguments.output;
+    let writing = || format!("writing {}", output.display());
+    atomic_file::check_output(output, &[&arguments.file]).with_context(writing)?;
+    if !output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        bail!("{}: what is written is png; name it so", output.display());
+    }
     let opened = open_or_prepare(&arguments.file, arguments.raw.layout().as_ref())?;
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
     let state = state(reader, arguments).with_context(named)?;
     let volume = VolumeTexels::read(reader).with_context(named)?;
     let picture = draw(&volume, &state, arguments.cpu).with_context(named)?;
-    let output = &arguments.output;
-    atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
+    if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
+        eprintln!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
+    }
+    atomic_file::write(output, &picture.to_png()?).with_context(writing)
 }
 
 /// Draws the picture that needs no knob, with proposed regions, and writes it under its name when it is complete.

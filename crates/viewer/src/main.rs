@@ -8,6 +8,11 @@ use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::{demo, headless};
 
 fn main() -> ExitCode {
+    // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
+    let _ = ctrlc::set_handler(|| {
+        voxrole_pack::atomic_file::remove_unfinished();
+        std::process::exit(130);
+    });
     let cli = Cli::parse();
     let result = match (&cli.command, &cli.file) {
         (Some(Command::Render(arguments)), _) => headless::render(arguments),

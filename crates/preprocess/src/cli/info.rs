@@ -1,5 +1,7 @@
 //! `voxrole info` and `voxrole verify`.
 
+use std::fmt::Write;
+
 use serde_json::json;
 use voxrole_pack::layer::Quantization;
 use voxrole_pack::{Layer, Reader, WorldFrame};
@@ -9,11 +11,10 @@ use super::args::{FileArgs, InfoArgs};
 pub fn run(args: &InfoArgs) -> anyhow::Result<()> {
     let reader = super::open(&args.file)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&as_json(&reader))?);
+        super::print(&format!("{}\n", serde_json::to_string_pretty(&as_json(&reader))?))
     } else {
-        print_text(&reader);
+        super::print(&as_text(&reader)?)
     }
-    Ok(())
 }
 
 pub fn verify(args: &FileArgs) -> anyhow::Result<()> {
@@ -28,7 +29,8 @@ fn stored_bytes(reader: &Reader, layer: usize) -> u64 {
     reader.directory().layers[layer].iter().map(|brick| u64::from(brick.extent.stored_bytes)).sum()
 }
 
-fn print_text(reader: &Reader) {
+fn as_text(reader: &Reader) -> Result<String, std::fmt::Error> {
+    let mut text = String::new();
     let header = reader.header();
     let geometry = &header.geometry;
     let statistics = &header.statistics;
@@ -38,36 +40,42 @@ fn print_text(reader: &Reader) {
         WorldFrame::Unspecified => "unspecified",
         WorldFrame::LeftPosteriorSuperior => "left-posterior-superior",
     };
-    println!("input       {}", header.source.name);
-    println!("sha256      {} (voxels)", header.source.voxels_sha256_hex());
-    println!("made by     {}", header.made_by);
-    println!("voxels      {}", geometry.dims.map(|dim| dim.to_string()).join(" x "));
-    println!("spacing     {}{unit}", list(geometry.spacing));
-    println!("origin      {}", list(geometry.origin));
-    println!("direction   {}", geometry.direction.map(list).join("; "));
-    println!("world       {frame}");
-    println!("values      {} to {}", statistics.value_range[0], statistics.value_range[1]);
-    println!("gradient    up to {}", statistics.max_gradient);
-    println!("boundary    {} voxels, {} without, {} masked", statistics.hits, statistics.misses, statistics.masked);
+    writeln!(text, "input       {}", header.source.name)?;
+    writeln!(text, "sha256      {} (voxels)", header.source.voxels_sha256_hex())?;
+    writeln!(text, "made by     {}", header.made_by)?;
+    writeln!(text, "voxels      {}", geometry.dims.map(|dim| dim.to_string()).join(" x "))?;
+    writeln!(text, "spacing     {}{unit}", list(geometry.spacing))?;
+    writeln!(text, "origin      {}", list(geometry.origin))?;
+    writeln!(text, "direction   {}", geometry.direction.map(list).join("; "))?;
+    writeln!(text, "world       {frame}")?;
+    writeln!(text, "values      {} to {}", statistics.value_range[0], statistics.value_range[1])?;
+    writeln!(text, "gradient    up to {}", statistics.max_gradient)?;
+    writeln!(
+        text,
+        "boundary    {} voxels, {} without, {} masked",
+        statistics.hits, statistics.misses, statistics.masked
+    )?;
     for parameter in &header.parameters {
-        println!("{:<11} {}", parameter.name, parameter.value);
+        writeln!(text, "{:<11} {}", parameter.name, parameter.value)?;
     }
     let voxels = geometry.voxel_count() as f64;
     for (index, layer) in header.layers.iter().enumerate() {
         let bytes = stored_bytes(reader, index);
-        println!(
+        writeln!(
+            text,
             "layer       {} as {}{}: {bytes} bytes, {:.2} per voxel",
             layer.kind.name(),
             layer.scalar_type.name(),
             precision(layer),
             bytes as f64 / voxels
-        );
+        )?;
     }
     for shape in &header.histograms {
         let bins = shape.axes.iter().map(|axis| axis.bins.to_string()).collect::<Vec<_>>().join(" x ");
-        println!("histogram   {} of {bins} bins", shape.kind.name());
+        writeln!(text, "histogram   {} of {bins} bins", shape.kind.name())?;
     }
-    println!("file        {} bytes, {:.2} per voxel", reader.file_bytes(), reader.file_bytes() as f64 / voxels);
+    writeln!(text, "file        {} bytes, {:.2} per voxel", reader.file_bytes(), reader.file_bytes() as f64 / voxels)?;
+    Ok(text)
 }
 
 fn precision(layer: &Layer) -> String {

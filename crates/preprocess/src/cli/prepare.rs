@@ -1,6 +1,6 @@
 //! `voxrole prepare`.
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use rayon::ThreadPoolBuilder;
 use voxrole_preprocess::io::read_volume;
 use voxrole_preprocess::prepare;
@@ -14,6 +14,11 @@ use super::terminal::TerminalProgress;
 pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
     let settings = settings(args);
     settings.validate()?;
+    check_filter_options(args, &settings.smoothing)?;
+    super::check_output(&args.output, &args.input, None)?;
+    if let Some(report) = &args.report {
+        super::check_output(report, &args.input, None)?;
+    }
     let mut pool = ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads.into());
@@ -71,6 +76,21 @@ fn settings(args: &PrepareArgs) -> Settings {
         keep_derivatives: args.keep.is_some(),
         skip: !args.no_skip,
         ..settings
+    }
+}
+
+/// An option that would do nothing is a mistake.
+fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> anyhow::Result<()> {
+    let given = |option: &'static str, is_given: bool| is_given.then_some(option);
+    let range = given("--range-sigma", args.range_sigma.is_some());
+    let any =
+        range.or(given("--spatial-sigma", args.spatial_sigma.is_some())).or(given("--radius", args.radius.is_some()));
+    match (smoothing.placement, any, range) {
+        (Smoothing::None, Some(option), _) => {
+            bail!("{option} does nothing without smoothing: choose one with --smooth")
+        }
+        (Smoothing::GaussianValue, _, Some(option)) => bail!("{option} does nothing with --smooth gaussian-value"),
+        _ => Ok(()),
     }
 }
 

@@ -229,7 +229,7 @@ fn image(histogram: &Histogram) -> ColorImage {
     ColorImage::new([width, height], pixels.collect())
 }
 
-/// The part of [`image`] that the plot spans, in shares of its sides.
+/// The part of [`fn@image`] that the plot spans, in shares of its sides.
 fn shown_part(histogram: &Histogram, area: &PlotArea) -> Rect {
     let share = |axis: usize, number: f64| {
         let axis = &histogram.shape.axes[axis];
