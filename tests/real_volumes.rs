@@ -3,9 +3,9 @@
 use voxrole_pack::{HistogramKind, Reader};
 use voxrole_preprocess::io::read_volume;
 use voxrole_preprocess::settings::{Method, Settings};
-use voxrole_tests::{assert_same, draw_on_gpu, prepared, real_data};
+use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
+use voxrole_tests::{prepared, real_data};
 use voxrole_viewer::classify::propose_regions;
-use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::{ViewState, VolumeTexels};
 
 fn first_picture(reader: &Reader) -> ViewState {
@@ -26,9 +26,9 @@ fn engine_on_cpu_and_gpu() {
     let volume = VolumeTexels::read(&prepared.reader).expect("reads");
     let state = first_picture(&prepared.reader);
     assert!(!state.transfer_function.regions.is_empty());
-    let cpu = RayMarcher::new(&volume, &state, state.render_settings.image_size).expect("a marcher").draw();
-    let lit = cpu.rgba.chunks_exact(4).filter(|pixel| pixel[..3] != cpu.rgba[..3]).count();
-    assert!((0.1..0.7).contains(&(lit as f64 / (192.0 * 192.0))), "{lit} pixels are lit");
-    let Some(gpu) = draw_on_gpu("engine_on_cpu_and_gpu", &volume, &state) else { return };
-    assert_same("engine", &gpu, &cpu);
+    let on_cpu = draw_on_cpu(&volume, &state);
+    let lit = lit_share(&on_cpu, [0, 0, 0, 255]);
+    assert!((0.1..0.7).contains(&lit), "{lit} of the picture is lit");
+    let Some(gpu) = gpu_or_skip("engine_on_cpu_and_gpu") else { return };
+    assert_same("engine", &draw_on_gpu(&gpu, &volume, &state), &on_cpu);
 }

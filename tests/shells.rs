@@ -4,7 +4,8 @@ use glam::Vec3;
 use voxrole_pack::HistogramKind;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::settings::{Method, Settings};
-use voxrole_tests::{Prepared, assert_same, draw_on_gpu, prepared};
+use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip};
+use voxrole_tests::{Prepared, prepared};
 use voxrole_viewer::classify::propose_regions;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::state::{BoundaryEmphasis, EmphasisKind, Region};
@@ -114,10 +115,9 @@ fn the_proposed_regions_are_the_two_boundaries() {
 
 #[test]
 fn cpu_and_gpu_draw_the_same() {
+    let Some(gpu) = gpu_or_skip("cpu_and_gpu_draw_the_same") else { return };
     let shells = shells();
     let mut state = state([0.0, 1.0], THIN);
     state.transfer_function.regions[0].opacity = 0.4;
-    let Some(gpu) = draw_on_gpu("cpu_and_gpu_draw_the_same", &shells.volume, &state) else { return };
-    let cpu = RayMarcher::new(&shells.volume, &state, [128, 128]).expect("a marcher").draw();
-    assert_same("shells", &gpu, &cpu);
+    assert_same("shells", &draw_on_gpu(&gpu, &shells.volume, &state), &draw_on_cpu(&shells.volume, &state));
 }

@@ -11,6 +11,8 @@ pub mod gaussian;
 pub mod grid;
 pub mod io;
 pub mod joint_histogram;
+#[cfg(test)]
+mod naive_mean;
 pub mod noise;
 pub mod packing;
 pub mod phantom;

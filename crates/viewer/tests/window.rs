@@ -14,6 +14,7 @@ use voxrole_pack::Reader;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
+use voxrole_tests::comparison::gpu_or_skip;
 use voxrole_viewer::state::{Camera, EmphasisKind};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
@@ -40,12 +41,7 @@ fn shells() -> &'static Path {
 
 /// The device as `app::run` asks for it, or `None` where there is none and none is required.
 fn render_state() -> Option<RenderState> {
-    if let Err(error) = Gpu::new() {
-        let required = std::env::var("VOXROLE_REQUIRE_GPU").is_ok_and(|value| value == "1");
-        assert!(!required, "VOXROLE_REQUIRE_GPU=1, but {error}");
-        eprintln!("SKIPPED: {error}");
-        return None;
-    }
+    gpu_or_skip("window")?;
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.device_descriptor = Arc::new(Gpu::device_descriptor);
     Some(create_render_state(WgpuSetup::CreateNew(setup), RendererOptions::PREDICTABLE))

@@ -11,8 +11,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, register_font};
 use voxrole_pack::{Histogram, HistogramKind};
 
-use super::axis::{BinWindow, TickedAxis, group_thousands};
+use super::axis::{BinWindow, TickedAxis};
 use super::colour::viridis;
+use super::numbers::{group_thousands, short_number};
 use super::{HistogramLabels, Quantity, check, png_from_image, quantities, with_unit};
 use crate::{Error, Result};
 
@@ -133,20 +134,11 @@ fn shortened(text: &str, most: usize) -> String {
 fn axis_title(quantity: &Quantity, window: &BinWindow, [low, high]: [f64; 2]) -> String {
     if window.zoomed {
         let short = with_unit(quantity.symbol, &quantity.unit);
-        format!("{short}, zoomed from {} … {}", short_number(low), short_number(high))
+        let [low, high] = [low, high].map(short_number);
+        format!("{short}, zoomed from {low} … {high}")
     } else {
         with_unit(quantity.title, &quantity.unit)
     }
-}
-
-/// A number to three significant digits.
-fn short_number(number: f64) -> String {
-    if number == 0.0 || (1e-2..1e5).contains(&number.abs()) {
-        let decimals = 2 - number.abs().max(1e-2).log10().floor() as i32;
-        let text = format!("{number:.*}", decimals.max(0) as usize);
-        return if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
-    }
-    format!("{number:.2e}")
 }
 
 /// The axes with their ticks and titles; returns the pixels between them.
@@ -448,6 +440,5 @@ mod tests {
     fn long_names_lose_their_middle() {
         assert_eq!(shortened("abc\n", 5), "abc");
         assert_eq!(shortened("abcdefghij", 5), "ab…ij");
-        assert_eq!([0.0, 15.0, 412.34, -0.123_45, 1e9].map(short_number), ["0", "15", "412", "-0.123", "1.00e9"]);
     }
 }

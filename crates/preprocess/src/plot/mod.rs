@@ -4,6 +4,7 @@ mod axis;
 pub mod colour;
 mod histogram;
 mod histogram_csv;
+pub mod numbers;
 mod slice;
 
 use std::io::Cursor;

@@ -1,6 +1,8 @@
-//! Plots: numbers on the screen, ticks, and how numbers are written.
+//! Plots: where numbers lie on the screen, and their ticks.
 
 use egui::{Align2, Painter, Pos2, Rect, Stroke, StrokeKind, Ui, Vec2, pos2, vec2};
+
+use voxrole_preprocess::plot::numbers::ticks;
 
 use super::theme;
 
@@ -88,64 +90,6 @@ impl PlotArea {
     }
 }
 
-/// At most about `most` round numbers between `low` and `high`, with labels.
-#[must_use]
-pub fn ticks([low, high]: [f64; 2], most: usize) -> Vec<(f64, String)> {
-    let rough = (high - low) / most.clamp(1, 20) as f64;
-    let power = 10_f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|step| *step >= rough);
-    let Some(step) = step.filter(|step| step.is_finite() && *step > 0.0) else {
-        return Vec::new();
-    };
-    // A tick at the very end must not be lost to rounding.
-    let slack = 1e-6 * step;
-    let first = ((low - slack) / step).ceil();
-    (0..=20)
-        .map(|count| (first + f64::from(count)) * step)
-        .take_while(|tick| *tick <= high + slack)
-        .map(|tick| (tick, tick_label(tick, step, low.abs().max(high.abs()))))
-        .collect()
-}
-
-fn tick_label(tick: f64, step: f64, largest: f64) -> String {
-    if tick.abs() < 0.5 * step {
-        return "0".to_owned();
-    }
-    if !(1e-3..1e6).contains(&largest) {
-        return format!("{tick:.1e}");
-    }
-    format!("{tick:.*}", (-(step.log10() + 1e-9).floor()).clamp(0.0, 9.0) as usize)
-}
-
-/// A number with four significant digits, without needless zeros.
-#[must_use]
-pub fn short_number(number: f64) -> String {
-    if number == 0.0 || !number.is_finite() {
-        return format!("{number:.0}");
-    }
-    let exponent = number.abs().log10().floor();
-    if !(-4.0..7.0).contains(&exponent) {
-        return format!("{number:.3e}");
-    }
-    let digits = (3.0 - exponent).max(0.0) as usize;
-    let text = format!("{number:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
-/// A whole number in groups of three digits.
-#[must_use]
-pub fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::with_capacity(digits.len() * 4 / 3);
-    for (place, digit) in digits.chars().enumerate() {
-        if place > 0 && (digits.len() - place).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
 fn mix([low, high]: [f64; 2], share: f64) -> f64 {
     (high - low).mul_add(share, low)
 }
@@ -164,22 +108,5 @@ mod tests {
         assert!((x - 250.0).abs() < 1e-3 && (y - 20.0).abs() < 1e-4);
         assert_eq!(area.plot_from_screen(pos2(0.0, 999.0)), [-1000.0, 0.0]);
         assert_eq!(area.plot_per_screen(), [20.0, 0.5]);
-    }
-
-    #[test]
-    fn ticks_are_round_and_few() {
-        let labels = |range, most| ticks(range, most).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
-        assert_eq!(labels([0.0, 255.0], 6), ["0", "50", "100", "150", "200", "250"]);
-        assert_eq!(labels([-0.1, 0.3], 4), ["-0.1", "0", "0.1", "0.2", "0.3"]);
-        for range in [[0.0, 1e-300], [-1e300, 1e300], [1e16, 1e16 + 2.0], [5.0, 5.0], [f64::NAN, 1.0]] {
-            assert!(ticks(range, 6).len() <= 21, "{range:?}");
-        }
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        let texts = [0.0, 255.0, -1024.4, 0.123_456, 1.5, 12_345.6, 3e9, 2e-7].map(short_number);
-        assert_eq!(texts, ["0", "255", "-1024", "0.1235", "1.5", "12346", "3.000e9", "2.000e-7"]);
-        assert_eq!([7, 1234, 1_234_567].map(grouped), ["7", "1,234", "1,234,567"]);
     }
 }

@@ -2,8 +2,9 @@
 
 use egui::{Painter, Pos2, Rect, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
 use voxrole_pack::Histogram;
+use voxrole_preprocess::plot::numbers::group_thousands;
 
-use super::axis::{PlotArea, grouped};
+use super::axis::PlotArea;
 use super::theme;
 use crate::classify::opacity_by_distance;
 use crate::state::BoundaryEmphasis;
@@ -27,7 +28,10 @@ pub fn distance_histogram_ui(ui: &mut Ui, histogram: &Histogram, smallest_spacin
         let [distance, _] = area.plot_from_screen(pointer);
         let count = histogram.counts[axis.bin_of(distance * smallest_spacing)];
         let opacity = opacity_by_distance(emphasis, distance.abs() as f32);
-        area.paint_note(ui.painter(), &format!("d {distance:.1}   αd {opacity:.2}   {} voxels", grouped(count)));
+        area.paint_note(
+            ui.painter(),
+            &format!("d {distance:.1}   αd {opacity:.2}   {} voxels", group_thousands(count)),
+        );
     }
 }
 

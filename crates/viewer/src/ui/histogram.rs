@@ -6,8 +6,9 @@ use egui::{
 };
 use voxrole_pack::Histogram;
 use voxrole_preprocess::plot::colour::viridis;
+use voxrole_preprocess::plot::numbers::{group_thousands, short_number};
 
-use super::axis::{PlotArea, grouped, short_number};
+use super::axis::PlotArea;
 use super::opened_volume::OpenedVolume;
 use super::region_grip::{Grip, region_at, screen_rect};
 use super::theme;
@@ -244,7 +245,7 @@ fn shown_part(histogram: &Histogram, area: &PlotArea) -> Rect {
 fn note(histogram: &Histogram, [value, gradient]: [f64; 2]) -> String {
     let [x, y] = [&histogram.shape.axes[0], &histogram.shape.axes[1]];
     let count = histogram.counts[y.bin_of(gradient) * x.bins as usize + x.bin_of(value)];
-    format!("v {}   g {}   {} voxels", short_number(value), short_number(gradient), grouped(count))
+    format!("v {}   g {}   {} voxels", short_number(value), short_number(gradient), group_thousands(count))
 }
 
 fn bins(histogram: &Histogram) -> [usize; 2] {

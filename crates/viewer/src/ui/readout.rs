@@ -2,8 +2,8 @@
 
 use egui::Ui;
 use voxrole_pack::WorldFrame;
+use voxrole_preprocess::plot::numbers::{group_thousands, short_number};
 
-use super::axis::{grouped, short_number};
 use super::form::{rows, text_row};
 use super::opened_volume::OpenedVolume;
 
@@ -26,7 +26,7 @@ pub fn readout_ui(ui: &mut Ui, volume: &OpenedVolume, device: &str) {
         let [low, high] = statistics.value_range.map(short_number);
         text_row(ui, "values", format!("{low} to {high}"));
         text_row(ui, "d_max", format!("{} voxels", short_number(f64::from(description.d_max_in_spacings()))));
-        text_row(ui, "voxels", grouped(voxels));
+        text_row(ui, "voxels", group_thousands(voxels));
         text_row(ui, "with boundary", share(statistics.hits, voxels));
         text_row(ui, "without", share(statistics.misses, voxels));
         if statistics.masked > 0 {
@@ -46,5 +46,5 @@ pub fn readout_ui(ui: &mut Ui, volume: &OpenedVolume, device: &str) {
 }
 
 fn share(count: u64, of: u64) -> String {
-    format!("{} ({:.1} %)", grouped(count), 100.0 * count as f64 / of.max(1) as f64)
+    format!("{} ({:.1} %)", group_thousands(count), 100.0 * count as f64 / of.max(1) as f64)
 }

@@ -1,8 +1,8 @@
 //! The list of regions: colour, extent, opacity and soft edge of each.
 
 use egui::{DragValue, Response, Ui};
+use voxrole_preprocess::plot::numbers::short_number;
 
-use super::axis::short_number;
 use super::form::color_button;
 use super::histogram::HistogramPanel;
 use crate::state::Region;

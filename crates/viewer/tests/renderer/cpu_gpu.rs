@@ -2,26 +2,18 @@
 
 use glam::DVec3;
 use voxrole_pack::GridGeometry;
-use voxrole_viewer::reference::RayMarcher;
+use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset};
-use voxrole_viewer::{Error, Gpu, Picture, Renderer, Target, ViewState, VolumeTexels};
+use voxrole_viewer::{Error, Gpu, Renderer, Target, ViewState};
 
-use crate::comparison::{assert_same, gpu_or_skip, lit_share};
 use crate::phantom::{Phantom, SHELLS, Shell, orthographic};
-
-fn draw_on_gpu(gpu: &Gpu, volume: &VolumeTexels, state: &ViewState) -> Picture {
-    let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
-    Renderer::new(gpu, volume).expect("a renderer").draw(state, &target);
-    target.read_back(gpu).expect("a picture")
-}
 
 fn compare(gpu: &Gpu, name: &str, phantom: &Phantom, state: &ViewState) {
     let volume = phantom.texels();
-    let on_cpu = RayMarcher::new(&volume, state, state.render_settings.image_size).expect("a size").draw();
-    let on_gpu = draw_on_gpu(gpu, &volume, state);
+    let on_cpu = draw_on_cpu(&volume, state);
     let lit = lit_share(&on_cpu, [0, 0, 0, 255]);
     assert!((0.1..0.9).contains(&lit), "{name}: {lit} of the picture is lit");
-    assert_same(name, &on_cpu, &on_gpu);
+    assert_same(name, &on_cpu, &draw_on_gpu(gpu, &volume, state));
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! The two ray marchers on phantoms whose roles are known exactly.
 
-mod comparison;
 mod cpu_gpu;
 mod packed_file;
 mod phantom;

@@ -1,19 +1,15 @@
 //! What must and what must not be seen of two concentric shells.
 
 use glam::{DVec3, Vec3};
+use voxrole_tests::comparison::{MOST_MIRRORED_RMSE, MOST_STEP_RMSE, difference, draw_on_cpu, lit_share};
 use voxrole_viewer::classify::opacity_by_distance;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, EmphasisKind};
-use voxrole_viewer::{Picture, ViewState, VolumeTexels};
+use voxrole_viewer::{ViewState, VolumeTexels};
 
-use crate::comparison::{MOST_MIRRORED_RMSE, MOST_STEP_RMSE, difference, lit_share};
 use crate::phantom::{Phantom, SHELLS, orthographic, region_at};
 
 const BACKGROUND: [u8; 4] = [0, 0, 0, 255];
-
-fn draw(volume: &VolumeTexels, state: &ViewState) -> Picture {
-    RayMarcher::new(volume, state, state.render_settings.image_size).expect("a size").draw()
-}
 
 /// Both shells fully opaque.
 fn opaque_state(phantom: &Phantom, emphasis: BoundaryEmphasis) -> ViewState {
@@ -77,7 +73,7 @@ fn the_medial_surface_is_empty_in_the_picture() {
     let mut state = opaque_state(&phantom, BoundaryEmphasis::default());
     state.camera = orthographic(CameraPreset::Top);
     state.render_settings.image_size = [400, 400];
-    let picture = draw(&phantom.texels(), &state);
+    let picture = draw_on_cpu(&phantom.texels(), &state);
     // At zoom 1 the sphere around the slab spans the picture.
     let pixels_per_voxel = 200.0 / (0.5 * (2.0 * 63.0_f64.powi(2) + 1.0).sqrt());
     let mut seen = [0; 3];
@@ -109,16 +105,16 @@ fn a_gradient_between_the_two_lights_nothing() {
     state.transfer_function.regions = vec![region_at(between, 1.0, [1.0; 3])];
     state.transfer_function.emphasis.d_c = 15.0;
     let volume = phantom.texels();
-    assert_eq!(lit_share(&draw(&volume, &state), BACKGROUND), 0.0);
+    assert_eq!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND), 0.0);
     // The test can fail: the same region at one of the two lights a good part of the picture.
     state.transfer_function.regions = vec![region_at(SHELLS[0].gradient(), 1.0, [1.0; 3])];
-    assert!(lit_share(&draw(&volume, &state), BACKGROUND) > 0.05);
+    assert!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND) > 0.05);
 }
 
 #[test]
 fn inner_and_outer_boundary_are_seen_at_once() {
     let phantom = Phantom::concentric_shells();
-    let picture = draw(&phantom.texels(), &phantom.state(orthographic(CameraPreset::Front)));
+    let picture = draw_on_cpu(&phantom.texels(), &phantom.state(orthographic(CameraPreset::Front)));
     // 128 pixels span the sphere around a cube of 63 voxels.
     let pixel_at = |voxels: f64| picture.pixel((64.0 + voxels * 128.0 / (63.0 * 3.0_f64.sqrt())) as u32, 64);
     let [inner, outer, outside] = [pixel_at(0.0), pixel_at(18.0), pixel_at(30.0)];
@@ -132,10 +128,10 @@ fn opacity_does_not_depend_on_the_step() {
     let phantom = Phantom::concentric_shells();
     let volume = phantom.texels();
     let mut state = phantom.state(Camera::default());
-    let quarter = draw(&volume, &state);
+    let quarter = draw_on_cpu(&volume, &state);
     state.render_settings.step = 0.5;
-    let (rmse, _) = difference(&quarter, &draw(&volume, &state));
-    assert!(rmse.iter().all(|&rmse| rmse < MOST_STEP_RMSE), "{rmse:?}");
+    let (rmse, _) = difference(&quarter, &draw_on_cpu(&volume, &state));
+    assert!(rmse < MOST_STEP_RMSE, "{rmse}");
 }
 
 #[test]
@@ -152,8 +148,8 @@ fn a_boundary_looks_the_same_whichever_side_is_higher() {
         }
     }
     assert_ne!(volume, mirrored);
-    let (rmse, _) = difference(&draw(&volume, &state), &draw(&mirrored, &state));
-    assert!(rmse.iter().all(|&rmse| rmse < MOST_MIRRORED_RMSE), "{rmse:?}");
+    let (rmse, _) = difference(&draw_on_cpu(&volume, &state), &draw_on_cpu(&mirrored, &state));
+    assert!(rmse < MOST_MIRRORED_RMSE, "{rmse}");
 }
 
 #[test]
