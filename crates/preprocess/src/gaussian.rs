@@ -2,86 +2,136 @@
 
 use rayon::prelude::*;
 
+use crate::continuation::Continued;
+use crate::holes::Holes;
 use crate::working_field::{Field, dims_of, voxels, voxels_mut};
+
+/// How many σ a Gaussian is cut away at unless told otherwise: 6e-5 of its weight lie beyond.
+const REACH_IN_SIGMAS: f32 = 4.0;
+
+/// The radius in voxels that holds a Gaussian of `sigma`, in multiples of L_min as is `spacing`, along the finest axis.
+#[must_use]
+pub fn radius_of(sigma: f32, spacing: [f32; 3]) -> usize {
+    let finest = spacing.into_iter().fold(f32::INFINITY, f32::min);
+    (REACH_IN_SIGMAS * sigma / finest).ceil().max(1.0) as usize
+}
 
 /// Convolves with a Gaussian of `sigma` (in multiples of L_min, as is `spacing`), cut `radius` voxels away.
 ///
-/// Weights outside the volume or on NaN voxels are left out and the rest renormalised (normalised convolution, Knutsson
-/// and Westin, CVPR 1993), so that constants stay constant to the border; NaN voxels stay NaN.
+/// Beyond the faces the field goes on as in [`Continued`], so that constants and ramps stay what they are to the last
+/// voxel. NaN voxels stay NaN; for their neighbours they are filled from their rims ([`Holes`]).
 #[must_use]
 pub fn gaussian(field: &Field, spacing: [f32; 3], sigma: f32, radius: usize) -> Field {
     let mut smooth = field.clone();
-    let known = voxels(field).par_iter().all(|value| !value.is_nan());
-    if known {
-        convolve(&mut smooth, spacing, sigma, radius);
-        return smooth;
+    let holes = Holes::fill(&mut smooth);
+    let mut other = smooth.clone();
+    for (axis, len) in dims_of(field).into_iter().enumerate() {
+        if len > 1 {
+            let kernel = LineKernel::new(spacing[axis] / sigma, radius, len);
+            convolve(&smooth, &mut other, axis, &kernel);
+            std::mem::swap(&mut smooth, &mut other);
+        }
     }
-    let mut certainty = field.mapv(|value| if value.is_nan() { 0.0 } else { 1.0 });
-    smooth.mapv_inplace(|value| if value.is_nan() { 0.0 } else { value });
-    convolve(&mut smooth, spacing, sigma, radius);
-    convolve(&mut certainty, spacing, sigma, radius);
-    let pairs = voxels_mut(&mut smooth).par_iter_mut().zip(voxels(&certainty)).zip(voxels(field));
-    pairs
-        .for_each(|((smooth, certainty), value)| *smooth = if value.is_nan() { f32::NAN } else { *smooth / certainty });
+    holes.mask(&mut smooth, 0);
     smooth
 }
 
-/// One pass per axis.
-fn convolve(field: &mut Field, spacing: [f32; 3], sigma: f32, radius: usize) {
-    let [nx, ny, nz] = dims_of(field);
-    let mut other = field.clone();
-    for (axis, len) in [nx, ny, nz].into_iter().enumerate() {
-        if len == 1 {
-            continue;
-        }
-        let weights: Vec<f32> =
-            (0..=radius).map(|steps| (-0.5 * (steps as f32 * spacing[axis] / sigma).powi(2)).exp()).collect();
-        let source = voxels(field);
-        voxels_mut(&mut other).par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
-            let (j, k) = (row % ny, row / ny);
-            match axis {
-                0 => along_row(out, &source[row * nx..][..nx], &weights),
-                1 => across_rows(out, |j| &source[(k * ny + j) * nx..][..nx], j, ny, &weights),
-                _ => across_rows(out, |k| &source[(k * ny + j) * nx..][..nx], k, nz, &weights),
+/// A Gaussian along lines of one length.
+struct LineKernel {
+    /// Weights from the middle outwards, their sum over both sides 1.
+    half: Vec<f32>,
+    len: usize,
+}
+
+impl LineKernel {
+    /// `spacing` in multiples of σ.
+    fn new(spacing: f32, radius: usize, len: usize) -> Self {
+        let half: Vec<f32> = (0..=radius).map(|steps| (-0.5 * (steps as f32 * spacing).powi(2)).exp()).collect();
+        let total = 2.0 * half.iter().sum::<f32>() - half[0];
+        Self { half: half.into_iter().map(|weight| weight / total).collect(), len }
+    }
+
+    /// Samples whose whole neighbourhood lies inside.
+    fn interior(&self) -> std::ops::Range<usize> {
+        let radius = self.half.len() - 1;
+        let end = self.len.saturating_sub(radius);
+        if radius < end { radius..end } else { 0..0 }
+    }
+
+    /// The weights of all samples inside for the one at `at`.
+    fn weights_at(&self, at: usize) -> Vec<f32> {
+        let mut weights = vec![0.0; self.len];
+        let radius = self.half.len() as isize - 1;
+        for steps in -radius..=radius {
+            for (inside, weight) in Continued::new(at as isize + steps, self.len).terms(self.len) {
+                weights[inside] += weight * self.half[steps.unsigned_abs()];
             }
+        }
+        weights
+    }
+
+    /// The weights of every sample near an end.
+    fn border(&self) -> Vec<(usize, Vec<f32>)> {
+        let interior = self.interior();
+        (0..self.len).filter(|at| !interior.contains(at)).map(|at| (at, self.weights_at(at))).collect()
+    }
+}
+
+fn convolve(source: &Field, target: &mut Field, axis: usize, kernel: &LineKernel) {
+    let [nx, ny, _] = dims_of(source);
+    let source = voxels(source);
+    let border = kernel.border();
+    let interior = kernel.interior();
+    voxels_mut(target).par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
+        let (j, k) = (row % ny, row / ny);
+        let row_at = |j: usize, k: usize| &source[(k * ny + j) * nx..][..nx];
+        match axis {
+            0 => along_row(out, row_at(j, k), kernel, &border),
+            1 => across_rows(out, |j| row_at(j, k), j, kernel, &border, &interior),
+            _ => across_rows(out, |k| row_at(j, k), k, kernel, &border, &interior),
+        }
+    });
+}
+
+fn along_row(out: &mut [f32], row: &[f32], kernel: &LineKernel, border: &[(usize, Vec<f32>)]) {
+    let interior = kernel.interior();
+    if !interior.is_empty() {
+        accumulate(&mut out[interior.clone()], kernel, |offset| {
+            &row[interior.start.wrapping_add_signed(offset)..][..interior.len()]
         });
-        std::mem::swap(field, &mut other);
+    }
+    for (at, weights) in border {
+        out[*at] = weights.iter().zip(row).map(|(weight, value)| weight * value).sum();
     }
 }
 
-fn along_row(out: &mut [f32], row: &[f32], weights: &[f32]) {
-    for (x, out) in out.iter_mut().enumerate() {
-        let (mut sum, mut total) = (row[x] * weights[0], weights[0]);
-        for (steps, weight) in weights.iter().enumerate().skip(1) {
-            // Both sides first, so that mirroring the axis changes no bit.
-            let below = x.checked_sub(steps).map(|x| row[x]);
-            let above = row.get(x + steps).copied();
-            sum += weight * (below.unwrap_or(0.0) + above.unwrap_or(0.0));
-            total += weight * f32::from(u8::from(below.is_some()) + u8::from(above.is_some()));
-        }
-        *out = sum / total;
+fn across_rows<'a>(
+    out: &mut [f32],
+    row: impl Fn(usize) -> &'a [f32],
+    at: usize,
+    kernel: &LineKernel,
+    border: &[(usize, Vec<f32>)],
+    interior: &std::ops::Range<usize>,
+) {
+    if interior.contains(&at) {
+        accumulate(out, kernel, |offset| row(at.wrapping_add_signed(offset)));
+        return;
+    }
+    out.fill(0.0);
+    let weights = border.iter().find(|(place, _)| *place == at).map_or(&[] as &[f32], |(_, weights)| weights);
+    for (index, &weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+        out.iter_mut().zip(row(index)).for_each(|(out, value)| *out += weight * value);
     }
 }
 
-fn across_rows<'a>(out: &mut [f32], row: impl Fn(usize) -> &'a [f32], at: usize, len: usize, weights: &[f32]) {
-    let mut total = weights[0];
-    out.iter_mut().zip(row(at)).for_each(|(out, value)| *out = weights[0] * value);
-    for (steps, weight) in weights.iter().enumerate().skip(1) {
-        let below = at.checked_sub(steps).map(&row);
-        let above = Some(at + steps).filter(|&index| index < len).map(&row);
-        match (below, above) {
-            (Some(below), Some(above)) => {
-                out.iter_mut().zip(below).zip(above).for_each(|((out, below), above)| *out += weight * (below + above));
-                total += 2.0 * weight;
-            }
-            (Some(side), None) | (None, Some(side)) => {
-                out.iter_mut().zip(side).for_each(|(out, value)| *out += weight * value);
-                total += weight;
-            }
-            (None, None) => {}
-        }
+/// The kernel's sum over `line(offset)` for offsets up to its radius; both sides first, so that mirroring the axis changes
+/// no bit.
+fn accumulate<'a>(out: &mut [f32], kernel: &LineKernel, line: impl Fn(isize) -> &'a [f32]) {
+    out.iter_mut().zip(line(0)).for_each(|(out, value)| *out = kernel.half[0] * value);
+    for (steps, weight) in kernel.half.iter().enumerate().skip(1) {
+        let (below, above) = (line(-(steps as isize)), line(steps as isize));
+        out.iter_mut().zip(below).zip(above).for_each(|((out, below), above)| *out += weight * (below + above));
     }
-    out.iter_mut().for_each(|out| *out /= total);
 }
 
 #[cfg(test)]
@@ -89,17 +139,65 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::naive_mean::{SPACING, check_against_naive, fields, naive_mean};
+    use crate::naive_mean::{SPACING, check_against_naive, fields};
+
+    /// The naive twin: the full three-dimensional sum over the continued field.
+    fn naive(field: &Field, sigma: f32, radius: usize) -> Vec<f64> {
+        let mut filled = field.clone();
+        Holes::fill(&mut filled);
+        let (nz, ny, nx) = field.dim();
+        let radius = radius as isize;
+        let at = |[i, j, k]: [isize; 3]| {
+            let axes = [(i, nx), (j, ny), (k, nz)].map(|(index, len)| (Continued::new(index, len), len));
+            let mut sum = 0.0;
+            for (x, weight_x) in axes[0].0.terms(nx) {
+                for (y, weight_y) in axes[1].0.terms(ny) {
+                    for (z, weight_z) in axes[2].0.terms(nz) {
+                        sum += f64::from(weight_x * weight_y * weight_z) * f64::from(filled[[z, y, x]]);
+                    }
+                }
+            }
+            sum
+        };
+        let mean = |((k, j, i), &center): ((usize, usize, usize), &f32)| {
+            let (mut sum, mut total) = (0.0, 0.0);
+            for dz in -radius..=radius {
+                for dy in -radius..=radius {
+                    for dx in -radius..=radius {
+                        let squared: f64 =
+                            [dx, dy, dz].iter().zip(SPACING).map(|(&d, h)| (d as f64 * f64::from(h)).powi(2)).sum();
+                        let weight = (-0.5 * squared / f64::from(sigma).powi(2)).exp();
+                        sum += weight * at([i as isize + dx, j as isize + dy, k as isize + dz]);
+                        total += weight;
+                    }
+                }
+            }
+            if center.is_nan() { f64::NAN } else { sum / total }
+        };
+        field.indexed_iter().map(mean).collect()
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(40))]
         #[test]
         fn equals_its_naive_twin(field in fields(), radius in 1_usize..4) {
-            let sigma = 1.2_f32;
-            let found = gaussian(&field, SPACING, sigma, radius);
-            // The full three-dimensional sum, where the kernel goes along one axis after another.
-            let expected = naive_mean(&field, radius, |squared, _| (-0.5 * squared / f64::from(sigma).powi(2)).exp());
-            check_against_naive(&found, &expected)?;
+            let found = gaussian(&field, SPACING, 1.2, radius);
+            check_against_naive(&found, &naive(&field, 1.2, radius))?;
         }
+    }
+
+    #[test]
+    fn ramps_stay_ramps_up_to_the_faces() {
+        let field = Field::from_shape_fn((4, 6, 9), |(k, j, i)| i as f32 - 0.5 * j as f32 + 0.25 * k as f32);
+        let smooth = gaussian(&field, [1.0, 1.5, 2.0], 2.0, 8);
+        for (found, expected) in smooth.iter().zip(&field) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_radius_holds_the_gaussian_along_the_finest_axis() {
+        assert_eq!(radius_of(1.5, [1.0, 2.0, 3.0]), 6);
+        assert_eq!(radius_of(0.1, [1.0; 3]), 1);
     }
 }

@@ -1,4 +1,4 @@
-//! The naive twin of every smoothing kernel, and fields to try them on.
+//! The naive twin of a smoothing kernel, and fields to try kernels on.
 
 use ndarray::Array3;
 use proptest::prelude::*;

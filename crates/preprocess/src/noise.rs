@@ -4,18 +4,6 @@ use rayon::prelude::*;
 
 use crate::working_field::{WorkingField, voxels};
 
-/// Noise amplification of a central difference, per L_min: `√(2·0.5²)`.
-pub const GRADIENT_GAIN: f32 = std::f32::consts::FRAC_1_SQRT_2;
-/// Noise amplification of a second difference, per L_min squared: `√(1 + 4 + 1)`.
-pub const SECOND_DERIVATIVE_GAIN: f32 = 2.449_489_7;
-
-/// Noise amplification of a component of the gradient after a Gaussian of `sigma` (in multiples of L_min) on the value:
-/// the norm of the kernel's derivative, `√(∫(∂G/∂x)²) = √(1 / (16·π^{3/2}·σ⁵))`.
-#[must_use]
-pub fn smoothed_gradient_gain(sigma: f32) -> f32 {
-    (16.0 * std::f32::consts::PI.powf(1.5) * sigma.powi(5)).sqrt().recip().min(GRADIENT_GAIN)
-}
-
 /// Residuals that are looked at: enough for the median to be right to 0.2 %.
 const MOST_RESIDUALS: usize = 1 << 20;
 
@@ -92,19 +80,6 @@ mod tests {
             let found = f64::from(noise_sigma(&field)) * field.value_scale;
             assert!((found / 0.02 - 1.0).abs() < tolerance, "{dims:?}: {found}");
         }
-    }
-
-    #[test]
-    fn gains_are_those_of_the_kernels() {
-        // Smoothing by a Gaussian and then taking central differences, done on an impulse.
-        let sigma = 1.5_f64;
-        let gaussian = |x: f64| (-0.5 * (x / sigma).powi(2)).exp() / (sigma * std::f64::consts::TAU.sqrt());
-        let lattice = || (-12..=12).map(f64::from);
-        let squared = |kernel: &dyn Fn(f64) -> f64| lattice().map(|x| kernel(x).powi(2)).sum::<f64>();
-        let derivative = squared(&|x| 0.5 * (gaussian(x + 1.0) - gaussian(x - 1.0)));
-        let exact = (derivative * squared(&gaussian).powi(2)).sqrt();
-        assert!((f64::from(smoothed_gradient_gain(1.5)) / exact - 1.0).abs() < 0.25, "{exact}");
-        assert_eq!(smoothed_gradient_gain(0.1), GRADIENT_GAIN);
     }
 
     #[test]

@@ -11,7 +11,8 @@ use voxrole_pack::{
     ScalarType, Writer, with_scalars,
 };
 
-use crate::directional_derivative::Derivatives;
+use crate::automatic::Choice;
+use crate::directional_derivative::{Derivatives, EdgeOperator};
 use crate::joint_histogram::{BINS, DISTANCE_BINS, count, value_axis, widened};
 use crate::roles::{MASKED, Roles};
 use crate::settings::Settings;
@@ -26,8 +27,10 @@ pub const MADE_BY: &str = concat!("voxrole ", env!("CARGO_PKG_VERSION"));
 pub struct Prepared<'a> {
     /// The input.
     pub grid: &'a Grid,
-    /// What shaped the result.
-    pub settings: &'a Settings,
+    /// What shaped the result, with what was chosen by the data.
+    pub settings: Settings,
+    /// What was found in the data and chosen by it.
+    pub choice: Option<Choice>,
     /// The value field that was differentiated.
     pub field: WorkingField,
     /// Its derivatives, smoothed where the settings say so.
@@ -160,7 +163,9 @@ impl Prepared<'_> {
     }
 
     fn largest_gradient(&self) -> f64 {
-        let largest = voxels(&self.derivatives.gradient_magnitude).iter().copied().fold(0.0, f32::max);
+        // A spline may be steeper between the voxels than on any of them.
+        let all = voxels(&self.derivatives.gradient_magnitude).iter().chain(&self.roles.hit_gradient);
+        let largest = all.copied().fold(0.0, f32::max);
         self.physical_gradient(largest)
     }
 
@@ -225,10 +230,13 @@ impl Prepared<'_> {
 
     /// What shaped the result; skipping and threads do not.
     fn parameters(&self) -> Vec<Parameter> {
-        let Settings { method, smoothing, climb, step, d_max, noise_floor, .. } = self.settings;
+        let Settings { method, smoothing, kernel, reconstruction, climb, step, d_max, noise_floor, .. } = self.settings;
         let mut parameters = vec![
             ("method", method.to_string()),
             ("smooth", smoothing.placement.to_string()),
+            ("derivative", kernel.to_string()),
+            ("reconstruction", reconstruction.to_string()),
+            ("root", self.settings.root_finder.name().to_owned()),
             ("climb", climb.to_string()),
             ("step", format!("{step} L_min")),
             ("dmax", format!("{d_max} L_min")),
@@ -238,6 +246,12 @@ impl Prepared<'_> {
         if smoothing.placement != crate::settings::Smoothing::None {
             parameters.push(("spatial-sigma", format!("{} L_min", smoothing.spatial_sigma)));
             parameters.push(("radius", format!("{} voxels", smoothing.radius)));
+        }
+        if self.settings.operator == EdgeOperator::Plus {
+            parameters.push(("edge", "plus".into()));
+        }
+        if let Some(blur) = self.choice.as_ref().and_then(|choice| choice.blur) {
+            parameters.push(("blur", format!("{blur:.3} L_min (estimated)")));
         }
         for sigma in &self.range_sigmas {
             parameters.push(("range-sigma", format!("{:.6} of the range of {}", sigma.share, sigma.field)));

@@ -2,16 +2,24 @@
 
 use std::path::Path;
 
+use voxrole_pack::Scalars;
+
+use crate::automatic::choose;
 use crate::boundary::Tracer;
-use crate::directional_derivative::derivatives;
+use crate::bspline::{Coefficients, Degree, Evaluator};
+use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
+use crate::directional_derivative::Derivatives;
 use crate::noise::noise_sigma;
+use crate::noise_gain::NoiseGain;
 use crate::packing::Prepared;
 use crate::progress::Progress;
+use crate::reconstruction::{Reconstruction, Smooth};
 use crate::report::{Counts, Report, Stopwatch};
 use crate::roles::Roles;
-use crate::settings::Settings;
-use crate::smoothing::{RangeSigmas, gradient_noise, smooth_derivatives, smooth_value};
-use crate::working_field::WorkingField;
+use crate::sampler::Sampler;
+use crate::settings::{Automatic, Settings};
+use crate::smoothing::{RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
+use crate::working_field::{WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
 use crate::{Grid, Result};
 
@@ -56,6 +64,7 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
         stages: watch.into_stages(),
         noise_share: f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE),
         range_sigma: prepared.range_sigmas,
+        choice: prepared.choice,
         counts,
         file_bytes,
     })
@@ -67,31 +76,45 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
 /// As [`prepare`], but for writing.
 pub fn compute_roles<'a>(
     grid: &'a Grid,
-    settings: &'a Settings,
+    settings: &Settings,
     progress: &dyn Progress,
     watch: &mut Stopwatch,
 ) -> Result<(Prepared<'a>, Counts)> {
     settings.validate()?;
-    let smoothing = &settings.smoothing;
+    let mut settings = *settings;
     let mut range_sigmas = RangeSigmas::new();
 
     progress.begin("smoothing and derivatives", 1);
     let mut field = WorkingField::new(grid)?;
     watch.lap("conversion");
-    let noise = noise_sigma(&field);
+    let noise = noise_sigma(&field).max(quantisation_noise(grid, &field));
     watch.lap("noise estimate");
+    let choice = if settings.automatic == Automatic::default() {
+        None
+    } else {
+        let choice = choose(&field, noise, &mut settings)?;
+        watch.lap("choice of method");
+        Some(choice)
+    };
+    let smoothing = &settings.smoothing;
     smooth_value(&mut field, noise, smoothing, &mut range_sigmas);
     watch.lap("value smoothing");
-    let mut derivatives = derivatives(&field);
+    let sigmas: Vec<f32> = sigma_on_noise(smoothing).into_iter().collect();
+    let gain = NoiseGain::new(settings.kernel, &sigmas, field.spacing)?;
+    let (mut derivatives, source) = differentiate(&mut field, settings.kernel, settings.operator)?;
     watch.lap("derivatives");
-    smooth_derivatives(&mut derivatives, field.spacing, noise, smoothing, &mut range_sigmas);
+    smooth_derivatives(&mut derivatives, field.spacing, noise, gain, smoothing, &mut range_sigmas);
     watch.lap("derivative smoothing");
     let cells = CellDistances::new(&derivatives.second_derivative);
     watch.lap("zero-crossing cells");
+    let splines = DerivativeSplines::new(&derivatives, settings.reconstruction)?;
+    watch.lap("reconstruction");
     progress.step();
 
-    let floor = settings.noise_floor as f32 * gradient_noise(noise, smoothing);
-    let tracer = Tracer::new(&field, &derivatives, &cells, floor, settings);
+    let floor = settings.noise_floor as f32 * noise * gain.gradient;
+    let smooth = splines.smooth(&field, &source, &settings);
+    let gradient = Gradient::new(&field, &source);
+    let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, floor, &settings);
     let roles = Roles::new(&tracer, field.dims(), progress)?;
     watch.lap("rays");
     let counts = Counts {
@@ -101,10 +124,57 @@ pub fn compute_roles<'a>(
         skipped: roles.work.skipped,
         traced: roles.work.traced,
         samples: roles.work.samples,
+        evaluations: roles.work.evaluations,
         hits: roles.hits,
         misses: roles.misses(),
         cells: cells.cells.len() as u64,
         mixed_cells: cells.mixed_count(),
     };
-    Ok((Prepared { grid, settings, field, derivatives, roles, noise, range_sigmas }, counts))
+    Ok((Prepared { grid, settings, choice, field, derivatives, roles, noise, range_sigmas }, counts))
+}
+
+/// Standard deviation of the rounding of values to whole numbers, in working units: a uniform distribution's. 0 for
+/// floats.
+fn quantisation_noise(grid: &Grid, field: &WorkingField) -> f32 {
+    match grid.scalars {
+        Scalars::F32(_) | Scalars::F64(_) => 0.0,
+        _ => (grid.slope.abs() / field.value_scale / 12.0_f64.sqrt()) as f32,
+    }
+}
+
+/// Splines through the derivatives, where the reconstruction asks for them.
+struct DerivativeSplines(Option<[Coefficients; 2]>);
+
+impl DerivativeSplines {
+    fn new(derivatives: &Derivatives, reconstruction: Reconstruction) -> Result<Self> {
+        let degree = match reconstruction {
+            Reconstruction::Linear | Reconstruction::Exact => return Ok(Self(None)),
+            Reconstruction::Cubic => Degree::Cubic,
+            Reconstruction::Quintic => Degree::Quintic,
+        };
+        Ok(Self(Some([
+            spline_through(&derivatives.second_derivative, degree)?,
+            spline_through(&derivatives.gradient_magnitude, degree)?,
+        ])))
+    }
+
+    fn smooth<'a>(
+        &'a self,
+        field: &'a WorkingField,
+        source: &'a GradientSource,
+        settings: &Settings,
+    ) -> Option<Smooth<'a>> {
+        let evaluator = |coefficients| Evaluator::new(coefficients, field.spacing);
+        match (&self.0, source) {
+            (Some([second_derivative, gradient_magnitude]), _) => Some(Smooth::Fields {
+                second_derivative: evaluator(second_derivative),
+                gradient_magnitude: evaluator(gradient_magnitude),
+                values: (Sampler::new(field.dims()), voxels(&field.values)),
+            }),
+            (None, GradientSource::Spline(value)) if settings.reconstruction == Reconstruction::Exact => {
+                Some(Smooth::Exact { value: evaluator(value), operator: settings.operator })
+            }
+            _ => None,
+        }
+    }
 }

@@ -4,6 +4,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use crate::automatic::Choice;
+
 /// Time, work and outcome of a run. All but the seconds are the same for any number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
@@ -21,6 +23,9 @@ pub struct Report {
     pub noise_share: f64,
     /// σr used, as a share of the filtered fields' ranges, by field; absent without a bilateral filter.
     pub range_sigma: Vec<FieldSigma>,
+    /// What `--method auto` found and chose; absent where nothing was left to it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Choice>,
     /// Voxels and cells.
     pub counts: Counts,
     /// Length of the packed file.
@@ -58,8 +63,10 @@ pub struct Counts {
     pub skipped: u64,
     /// Voxels for which samples were taken.
     pub traced: u64,
-    /// Samples taken along rays, bisection included.
+    /// Trilinear samples taken along rays, the refinement of crossings included.
     pub samples: u64,
+    /// Evaluations of a smooth reconstruction at crossings.
+    pub evaluations: u64,
     /// Voxels with a boundary.
     pub hits: u64,
     /// Voxels without one that are not masked.

@@ -94,6 +94,21 @@ impl Ray {
         Self { direction: -self.direction, ..self }
     }
 
+    /// The parameters between two at which the ray passes from one cell into the next, in their order.
+    #[must_use]
+    pub fn planes_between(&self, from: f32, to: f32) -> Vec<f32> {
+        let mut planes = Vec::new();
+        for speed in self.direction.to_array().into_iter().filter(|speed| *speed != 0.0) {
+            let [start, end] = [from * speed, to * speed];
+            let [low, high] = [start.min(end), start.max(end)];
+            let first = low.floor() as i32 + 1;
+            planes.extend((first..high.ceil() as i32).map(|plane| plane as f32 / speed));
+        }
+        planes.retain(|t| (from.min(to)..from.max(to)).contains(t));
+        planes.sort_by(|a, b| if from <= to { a.total_cmp(b) } else { b.total_cmp(a) });
+        planes
+    }
+
     /// Largest number of voxels that the ray moves along any axis per unit of its parameter.
     #[must_use]
     pub fn fastest(&self) -> f32 {
@@ -133,6 +148,15 @@ mod tests {
         let value = sampler.place(&along, 1.25).map(|place| sampler.trilinear(&field, &place));
         assert_eq!(value, Some(1.25));
         assert_eq!(sampler.place(&sampler.ray([0, 0, 0], Vec3::Y), 0.1), None);
+    }
+
+    #[test]
+    fn planes_are_passed_in_order() {
+        let sampler = Sampler::new([9, 9, 9]);
+        let ray = sampler.ray([4, 4, 4], Vec3::new(1.0, -0.5, 0.0));
+        assert_eq!(ray.planes_between(0.5, 2.5), [1.0, 2.0, 2.0]);
+        assert_eq!(ray.planes_between(-0.5, -2.5), [-1.0, -2.0, -2.0]);
+        assert_eq!(ray.planes_between(0.1, 0.3), []);
     }
 
     proptest! {

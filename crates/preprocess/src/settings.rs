@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+use crate::differentiation::Kernel;
+use crate::directional_derivative::EdgeOperator;
+use crate::reconstruction::Reconstruction;
+use crate::root_finder::RootFinder;
 use crate::{Error, Result};
 
 /// Which rule set computes the roles.
@@ -9,8 +13,13 @@ use crate::{Error, Result};
 pub enum Method {
     /// The paper as printed: bilateral filter on g and f'', literal climbing rule, two rays for every voxel.
     Paper,
-    /// No smoothing, release climbing rule, exact skipping.
+    /// Central differences, trilinear interpolation, no smoothing, release climbing rule.
     Fast,
+    /// The quintic B-spline through the values and its own derivatives at the boundary, no smoothing, release climbing
+    /// rule. For data without noise and with edges blurred by 0.8 voxels or more.
+    Accurate,
+    /// What suits the data: see [`crate::automatic`].
+    Auto,
 }
 
 /// Where smoothing is applied.
@@ -65,6 +74,14 @@ pub struct Settings {
     pub method: Method,
     /// Smoothing.
     pub smoothing: SmoothingSettings,
+    /// What differentiates the value.
+    pub kernel: Kernel,
+    /// What is zero on an edge.
+    pub operator: EdgeOperator,
+    /// What lies between the voxels at a crossing.
+    pub reconstruction: Reconstruction,
+    /// What refines a crossing.
+    pub root_finder: RootFinder,
     /// What stops a ray.
     pub climb: Climb,
     /// Distance between samples along a ray, in multiples of L_min; at most 1.
@@ -77,6 +94,19 @@ pub struct Settings {
     pub keep_derivatives: bool,
     /// Whether work that cannot hit is skipped; the result is the same.
     pub skip: bool,
+    /// What is chosen anew for each volume, whatever is set above.
+    pub automatic: Automatic,
+}
+
+/// What [`Method::Auto`] chooses by the volume; an option that the user set himself is left to him.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Automatic {
+    /// [`Settings::smoothing`].
+    pub smoothing: bool,
+    /// [`Settings::kernel`].
+    pub kernel: bool,
+    /// [`Settings::reconstruction`].
+    pub reconstruction: bool,
 }
 
 /// The longest ray, in multiples of L_min.
@@ -89,17 +119,27 @@ impl Settings {
         let (placement, climb, noise_floor) = match method {
             Method::Paper => (Smoothing::BilateralDerivatives, Climb::Literal, 0.0),
             // One voxel of pure noise in a thousand has a gradient above four deviations of its components.
-            Method::Fast => (Smoothing::None, Climb::Release, 4.0),
+            Method::Fast | Method::Accurate | Method::Auto => (Smoothing::None, Climb::Release, 4.0),
         };
+        let (kernel, reconstruction) = match method {
+            Method::Paper | Method::Fast => (Kernel::Central2, Reconstruction::Linear),
+            Method::Accurate | Method::Auto => (Kernel::QuinticSpline, Reconstruction::Exact),
+        };
+        let chosen = method == Method::Auto;
         Self {
             method,
             smoothing: SmoothingSettings::new(placement),
+            kernel,
+            operator: EdgeOperator::SecondDerivative,
+            reconstruction,
+            root_finder: RootFinder::Bisection,
             climb,
             step: 0.2,
             d_max: 15.0,
             noise_floor,
             keep_derivatives: false,
             skip: true,
+            automatic: Automatic { smoothing: chosen, kernel: chosen, reconstruction: chosen },
         }
     }
 
@@ -123,7 +163,32 @@ impl Settings {
         inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 100.0)?;
         inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
         inside("--noise-floor", self.noise_floor, -f64::MIN_POSITIVE, 1e6)?;
+        if let Kernel::Gaussian(sigma) = self.kernel {
+            inside("--derivative gaussian:", sigma, 0.0, 100.0)?;
+        }
+        self.validate_reconstruction()?;
         self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, f64::MAX))
+    }
+
+    fn validate_reconstruction(&self) -> Result<()> {
+        if self.reconstruction != Reconstruction::Exact || self.automatic.reconstruction {
+            return Ok(());
+        }
+        if self.kernel.spline().is_none() && !self.automatic.kernel {
+            return Err(Error::Parameter(format!(
+                "--reconstruction exact needs a spline to evaluate: choose --derivative bspline3, bspline5 or \
+                 gaussian:SIGMA, not {}",
+                self.kernel
+            )));
+        }
+        if self.smoothing.placement == Smoothing::BilateralDerivatives && !self.automatic.smoothing {
+            return Err(Error::Parameter(
+                "--reconstruction exact evaluates the value's own spline, which --smooth bilateral-derivatives does not \
+                 reach: choose --reconstruction linear, cubic or quintic"
+                    .into(),
+            ));
+        }
+        Ok(())
     }
 }
 
@@ -132,6 +197,8 @@ impl fmt::Display for Method {
         formatter.write_str(match self {
             Self::Paper => "paper",
             Self::Fast => "fast",
+            Self::Accurate => "accurate",
+            Self::Auto => "auto",
         })
     }
 }

@@ -3,7 +3,7 @@
 use crate::bilateral::{BilateralSettings, bilateral};
 use crate::directional_derivative::Derivatives;
 use crate::gaussian::gaussian;
-use crate::noise::{GRADIENT_GAIN, SECOND_DERIVATIVE_GAIN, smoothed_gradient_gain};
+use crate::noise_gain::NoiseGain;
 use crate::report::FieldSigma;
 use crate::settings::{Smoothing, SmoothingSettings};
 use crate::working_field::{Field, WorkingField, voxels};
@@ -33,6 +33,7 @@ pub fn smooth_derivatives(
     derivatives: &mut Derivatives,
     spacing: [f32; 3],
     noise: f32,
+    gain: NoiseGain,
     settings: &SmoothingSettings,
     sigmas: &mut RangeSigmas,
 ) {
@@ -40,24 +41,21 @@ pub fn smooth_derivatives(
         return;
     }
     for (name, gain, derivative) in [
-        ("gradient-magnitude", GRADIENT_GAIN, &mut derivatives.gradient_magnitude),
-        ("second-derivative", SECOND_DERIVATIVE_GAIN, &mut derivatives.second_derivative),
+        ("gradient-magnitude", gain.gradient, &mut derivatives.gradient_magnitude),
+        ("second-derivative", gain.second_derivative, &mut derivatives.second_derivative),
     ] {
         *derivative = filtered(derivative, name, noise * gain, spacing, settings, sigmas);
     }
 }
 
-/// Standard deviation of each component of the gradient where there is nothing but noise of deviation `noise`. A bilateral
-/// filter acts there as the Gaussian of its spatial σ.
+/// σ of the Gaussian as which smoothing of the value acts on noise: a bilateral filter, where there is nothing but noise,
+/// as that of its spatial σ.
 #[must_use]
-pub fn gradient_noise(noise: f32, settings: &SmoothingSettings) -> f32 {
-    noise
-        * match settings.placement {
-            Smoothing::None | Smoothing::BilateralDerivatives => GRADIENT_GAIN,
-            Smoothing::BilateralValue | Smoothing::GaussianValue => {
-                smoothed_gradient_gain(settings.spatial_sigma as f32)
-            }
-        }
+pub fn sigma_on_noise(settings: &SmoothingSettings) -> Option<f32> {
+    match settings.placement {
+        Smoothing::None | Smoothing::BilateralDerivatives => None,
+        Smoothing::BilateralValue | Smoothing::GaussianValue => Some(settings.spatial_sigma as f32),
+    }
 }
 
 fn filtered(

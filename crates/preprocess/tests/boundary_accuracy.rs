@@ -114,3 +114,15 @@ fn noise_far_from_every_boundary_is_no_boundary() {
     let share = hits as f64 / far().count() as f64;
     assert!(far().count() > 10_000 && share < 0.005, "{share}");
 }
+
+#[test]
+fn accurate_on_the_ball() {
+    // Blur in voxels, largest rms error of the distance in voxels, largest bias of g at the hit.
+    for (blur, rms, bias) in [(0.7, 0.025, 0.02), (1.0, 0.006, 0.008), (1.5, 0.0012, 0.001), (2.0, 0.0004, 0.0003)] {
+        let phantom = PhantomSettings { blur, ..PhantomSettings::default() };
+        let found = measure(Phantom::Ball, &phantom, &Settings::new(Method::Accurate));
+        eprintln!("blur {blur}: {found:?}");
+        assert!(found.hit_rate >= 0.9995 && found.wrong == 0, "blur {blur}: {found:?}");
+        assert!(found.rms <= rms && found.gradient_bias.abs() <= bias, "blur {blur}: {found:?}");
+    }
+}

@@ -6,7 +6,7 @@ use voxrole_pack::{GridGeometry, Scalars};
 
 use super::*;
 use crate::Grid;
-use crate::directional_derivative::derivatives;
+use crate::directional_derivative::{EdgeOperator, Stencils, derivatives};
 use crate::settings::Method;
 use crate::working_field::dims_of;
 
@@ -21,7 +21,7 @@ impl Scene {
         let geometry = GridGeometry::axis_aligned(dims, [1.0, 1.0, 1.5]);
         let grid = Grid::new("test", geometry, Scalars::F32(values)).expect("a grid");
         let field = WorkingField::new(&grid).expect("a field");
-        let derivatives = derivatives(&field);
+        let derivatives = derivatives(&field, EdgeOperator::SecondDerivative);
         let cells = CellDistances::new(&derivatives.second_derivative);
         Self { field, derivatives, cells }
     }
@@ -31,7 +31,8 @@ impl Scene {
     }
 
     fn roles(&self, settings: &Settings) -> (Vec<Role>, Work) {
-        let tracer = Tracer::new(&self.field, &self.derivatives, &self.cells, 0.0, settings);
+        let gradient = Gradient::Central2 { values: voxels(&self.field.values), stencils: Stencils::new(&self.field) };
+        let tracer = Tracer::new(&self.field, &self.derivatives, &self.cells, gradient, None, 0.0, settings);
         let [nx, ny, nz] = self.field.dims();
         let mut work = Work::default();
         let voxels = (0..nx * ny * nz).map(|v| [v % nx, v / nx % ny, v / (nx * ny)]);

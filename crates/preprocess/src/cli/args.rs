@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use voxrole_pack::{HistogramKind, ScalarType};
+use voxrole_preprocess::differentiation::Kernel;
 use voxrole_preprocess::phantom::Phantom;
 use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
+use voxrole_preprocess::reconstruction::Reconstruction;
 
 /// Prepares volumes overnight: where each voxel stands relative to the nearest boundary along its own gradient.
 #[derive(Debug, Parser)]
@@ -50,10 +52,24 @@ pub struct PrepareArgs {
     /// Packed file to write.
     #[arg(short, long, value_name = "OUT.vxr")]
     pub output: PathBuf,
-    /// Rule set that the other defaults come from: `paper` smooths g and f'' and climbs literally, `fast` does neither.
-    #[arg(long, value_enum, default_value = "fast")]
+    /// Rule set that the other defaults come from.
+    #[arg(long, value_enum, default_value = "auto")]
     pub method: MethodArg,
-    /// Where to smooth [default: bilateral-derivatives for paper, none for fast].
+    /// What differentiates the value: central2, central4, bspline3, bspline5, gaussian:SIGMA [default: central2 for paper
+    /// and fast, bspline5 for accurate].
+    #[arg(long, value_name = "KERNEL")]
+    pub derivative: Option<Kernel>,
+    /// What lies between the voxels at a boundary: linear, cubic or quintic interpolation of g and f'', or exact, the
+    /// derivatives of the value's own spline [default: linear for paper and fast, exact for accurate].
+    #[arg(long, value_name = "KIND")]
+    pub reconstruction: Option<Reconstruction>,
+    /// What refines a boundary's place.
+    #[arg(long, value_enum, default_value = "bisection")]
+    pub root: RootArg,
+    /// What is zero on an edge: f'' along the gradient, or PLUS, which keeps to curved surfaces.
+    #[arg(long, value_enum, default_value = "second-derivative")]
+    pub edge: EdgeArg,
+    /// Where to smooth [default: bilateral-derivatives for paper, none for fast and accurate].
     #[arg(long, value_enum)]
     pub smooth: Option<SmoothArg>,
     /// Spatial σ of the smoothing in multiples of the smallest spacing [default: 1, Gaussian 1.5].
@@ -66,7 +82,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "N")]
     pub radius: Option<usize>,
     /// What stops a ray: a fall of its own gradient magnitude (literal), or only a rise along the other ray (release)
-    /// [default: literal for paper, release for fast].
+    /// [default: literal for paper, release for the others].
     #[arg(long, value_enum)]
     pub climb: Option<ClimbArg>,
     /// Distance between samples along a ray, in multiples of the smallest spacing.
@@ -75,7 +91,7 @@ pub struct PrepareArgs {
     /// Length of a ray in multiples of the smallest spacing.
     #[arg(long, value_name = "F", default_value_t = 15.0)]
     pub dmax: f64,
-    /// Gradients up to this multiple of the estimated gradient noise are no boundary [default: 0 for paper, 4 for fast].
+    /// Gradients up to this multiple of the estimated gradient noise are no boundary [default: 0 for paper, 4 for the others].
     #[arg(long, value_name = "F")]
     pub noise_floor: Option<f64>,
     /// Store gradient magnitude and second derivative too.
@@ -193,10 +209,15 @@ pub type Triple = [f64; 3];
 /// `--method`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum MethodArg {
-    /// The paper as printed.
-    Paper,
-    /// Without smoothing, release climbing rule.
+    /// Chooses smoothing, kernel and reconstruction by the volume's noise and blur; the report says what and why.
+    Auto,
+    /// The quintic spline through the values and its own derivatives: for data without noise and with edges blurred by
+    /// 0.8 voxels and more.
+    Accurate,
+    /// Central differences and linear interpolation, no smoothing.
     Fast,
+    /// The paper's: central differences, a bilateral filter on g and f'', the literal climbing rule.
+    Paper,
 }
 
 /// `--smooth`.
@@ -219,6 +240,26 @@ pub enum ClimbArg {
     Literal,
     /// Only a rise along the other ray.
     Release,
+}
+
+/// `--root`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RootArg {
+    /// Halves the bracket.
+    Bisection,
+    /// Interpolates, truncates and projects: the same width with fewer evaluations.
+    Itp,
+    /// Solves trilinear f'' in closed form; itp where it is not trilinear.
+    Cubic,
+}
+
+/// `--edge`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum EdgeArg {
+    /// f'' along the gradient.
+    SecondDerivative,
+    /// Half of f'' and the Laplacian: on curved edges no bias by the blur.
+    Plus,
 }
 
 /// `--keep`.

@@ -2,13 +2,15 @@
 
 use anyhow::{Context, bail};
 use rayon::ThreadPoolBuilder;
+use voxrole_preprocess::directional_derivative::EdgeOperator;
 use voxrole_preprocess::io::read_volume;
 use voxrole_preprocess::prepare;
 use voxrole_preprocess::progress::Progress;
 use voxrole_preprocess::report::{Report, Stage};
+use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
 
-use super::args::{ClimbArg, MethodArg, PrepareArgs, SmoothArg};
+use super::args::{ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
 use super::terminal::TerminalProgress;
 
 pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
@@ -48,8 +50,10 @@ fn read_and_prepare(args: &PrepareArgs, settings: &Settings) -> anyhow::Result<R
 
 fn settings(args: &PrepareArgs) -> Settings {
     let mut settings = Settings::new(match args.method {
-        MethodArg::Paper => Method::Paper,
+        MethodArg::Auto => Method::Auto,
+        MethodArg::Accurate => Method::Accurate,
         MethodArg::Fast => Method::Fast,
+        MethodArg::Paper => Method::Paper,
     });
     if let Some(smooth) = args.smooth {
         settings.smoothing = SmoothingSettings::new(match smooth {
@@ -59,6 +63,17 @@ fn settings(args: &PrepareArgs) -> Settings {
             SmoothArg::GaussianValue => Smoothing::GaussianValue,
         });
     }
+    if let Some(kernel) = args.derivative {
+        settings.kernel = kernel;
+    }
+    if let Some(reconstruction) = args.reconstruction {
+        settings.reconstruction = reconstruction;
+    }
+    let automatic = &mut settings.automatic;
+    // What is set by hand stays as it is set.
+    automatic.smoothing &= args.smooth.is_none();
+    automatic.kernel &= args.derivative.is_none();
+    automatic.reconstruction &= args.reconstruction.is_none();
     let smoothing = &mut settings.smoothing;
     smoothing.spatial_sigma = args.spatial_sigma.unwrap_or(smoothing.spatial_sigma);
     smoothing.range_sigma = args.range_sigma;
@@ -73,6 +88,15 @@ fn settings(args: &PrepareArgs) -> Settings {
     Settings {
         step: args.step,
         d_max: args.dmax,
+        root_finder: match args.root {
+            RootArg::Bisection => RootFinder::Bisection,
+            RootArg::Itp => RootFinder::Itp,
+            RootArg::Cubic => RootFinder::Cubic,
+        },
+        operator: match args.edge {
+            EdgeArg::SecondDerivative => EdgeOperator::SecondDerivative,
+            EdgeArg::Plus => EdgeOperator::Plus,
+        },
         keep_derivatives: args.keep.is_some(),
         skip: !args.no_skip,
         ..settings
@@ -99,6 +123,9 @@ fn summarise(report: &Report, args: &PrepareArgs) {
     let share = |part: u64| 100.0 * part as f64 / counts.voxels as f64;
     let [x, y, z] = report.dims;
     println!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads);
+    if let Some(choice) = &report.choice {
+        println!("  chosen: {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason);
+    }
     println!(
         "  {} voxels have a boundary ({:.1} %), {} have none, {} are masked",
         counts.hits,

@@ -1,0 +1,164 @@
+//! Smoothing, kernel and reconstruction by what a volume's noise and blur let through.
+
+use serde::Serialize;
+
+use crate::Result;
+use crate::blur::{EdgeStatistics, edge_statistics};
+use crate::boundary::Tracer;
+use crate::bspline::Evaluator;
+use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate};
+use crate::directional_derivative::EdgeOperator;
+use crate::gaussian::{gaussian, radius_of};
+use crate::noise_gain::NoiseGain;
+use crate::reconstruction::Reconstruction;
+use crate::settings::{Method, Settings, Smoothing, SmoothingSettings};
+use crate::working_field::WorkingField;
+use crate::zero_crossing::CellDistances;
+
+/// Edges sharper than this, in multiples of L_min, are under-sampled: a spline rings beside them, and its second
+/// derivative has crossings of its own.
+pub const LEAST_BLUR: f64 = 0.8;
+/// How far noise may move a crossing, as a standard deviation in multiples of L_min.
+pub const MOST_JITTER: f64 = 0.025;
+/// The widths that are tried, in multiples of L_min, the smallest that suffices being taken. Beyond the largest, layers of
+/// four voxels would run into one another.
+const SIGMAS: [f64; 7] = [0.0, 0.5, 0.7, 0.85, 1.0, 1.25, 1.5];
+/// σ of the Gaussian under which blur is measured, so that noise does not make it look sharper; taken off again.
+const MEASURING_SIGMA: f32 = 1.0;
+
+/// What was found and chosen, as the report gives it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choice {
+    /// Estimated noise as a share of the typical step across a boundary; absent where no boundary was found.
+    pub noise_share: Option<f64>,
+    /// Estimated standard deviation of the blur of the stronger boundaries, in multiples of L_min.
+    pub blur: Option<f64>,
+    /// Gaussian smoothing of the value, σ in multiples of L_min; 0 for none.
+    pub sigma: f64,
+    /// By how much noise is expected to move a crossing, in multiples of L_min.
+    pub jitter: Option<f64>,
+    /// The kernel.
+    pub kernel: String,
+    /// The reconstruction.
+    pub reconstruction: &'static str,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// Fills in whatever [`Settings::automatic`] leaves to the data; `noise` is the field's, in working units.
+///
+/// # Errors
+/// [`crate::Error::Pack`] when memory runs out.
+pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Result<Choice> {
+    let edges = measure(field, noise)?;
+    let blur = edges.map(|edges| f64::from(edges.blur));
+    let under_sampled = blur.is_some_and(|blur| blur < LEAST_BLUR);
+    let kernel = if under_sampled { Kernel::Central2 } else { Kernel::QuinticSpline };
+    if settings.automatic.kernel {
+        settings.kernel = kernel;
+    }
+    let mut jitter = None;
+    if settings.automatic.smoothing {
+        let sigma = match edges {
+            None => 0.0,
+            Some(edges) => {
+                let mut chosen = 0.0;
+                for sigma in SIGMAS {
+                    chosen = sigma;
+                    let expected = expected_jitter(field, noise, &edges, settings.kernel, sigma)?;
+                    jitter = Some(expected);
+                    if expected <= MOST_JITTER {
+                        break;
+                    }
+                }
+                chosen
+            }
+        };
+        settings.smoothing = if sigma > 0.0 {
+            SmoothingSettings {
+                spatial_sigma: sigma,
+                radius: radius_of(sigma as f32, field.spacing),
+                ..SmoothingSettings::new(Smoothing::GaussianValue)
+            }
+        } else {
+            SmoothingSettings::new(Smoothing::None)
+        };
+    }
+    if settings.automatic.reconstruction {
+        let exact =
+            settings.kernel.spline().is_some() && settings.smoothing.placement != Smoothing::BilateralDerivatives;
+        settings.reconstruction = if exact { Reconstruction::Exact } else { Reconstruction::Linear };
+    }
+    let sigma =
+        if settings.smoothing.placement == Smoothing::GaussianValue { settings.smoothing.spatial_sigma } else { 0.0 };
+    Ok(Choice {
+        noise_share: edges.map(|edges| f64::from(noise / step_of(&edges))),
+        blur,
+        sigma,
+        jitter,
+        kernel: settings.kernel.to_string(),
+        reconstruction: settings.reconstruction.name(),
+        reason: reason(blur, sigma, under_sampled),
+    })
+}
+
+fn reason(blur: Option<f64>, sigma: f64, under_sampled: bool) -> String {
+    let Some(blur) = blur else {
+        return "no boundary stands out from the noise, so that there is nothing to go by".into();
+    };
+    let kernel = if under_sampled {
+        format!("boundaries blurred by {blur:.2} voxels are under-sampled: splines would ring, differences do not")
+    } else {
+        format!("boundaries blurred by {blur:.2} voxels are sampled well enough for a quintic spline")
+    };
+    let smoothing = if sigma > 0.0 {
+        format!("a Gaussian of {sigma} voxels keeps the noise from moving them by more than it must")
+    } else {
+        "the noise is too low to move them".into()
+    };
+    format!("{kernel}; {smoothing}")
+}
+
+/// The step across an edge of a Gaussian's profile.
+fn step_of(edges: &EdgeStatistics) -> f32 {
+    edges.gradient_magnitude * edges.blur * std::f32::consts::TAU.sqrt()
+}
+
+/// The standard deviation of a crossing's place: that of f'' under noise over the slope of f'' across the edge, which is
+/// A/(s³√2π) for a step A blurred by s.
+fn expected_jitter(
+    field: &WorkingField,
+    noise: f32,
+    edges: &EdgeStatistics,
+    kernel: Kernel,
+    sigma: f64,
+) -> Result<f64> {
+    let sigmas = if sigma > 0.0 { vec![sigma as f32] } else { Vec::new() };
+    let gain = NoiseGain::new(kernel, &sigmas, field.spacing)?;
+    let blur = f64::from(edges.blur).hypot(sigma);
+    let slope = f64::from(step_of(edges)) / (blur.powi(3) * std::f64::consts::TAU.sqrt());
+    Ok(f64::from(noise * gain.second_derivative) / slope)
+}
+
+/// The edges of a field under a Gaussian, its blur taken off again; `None` where hardly any stands out.
+fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
+    let mut smooth = field.clone();
+    let radius = radius_of(MEASURING_SIGMA, field.spacing);
+    smooth.values = gaussian(&field.values, field.spacing, MEASURING_SIGMA, radius);
+    let kernel = Kernel::QuinticSpline;
+    let (derivatives, source) = differentiate(&mut smooth, kernel, EdgeOperator::SecondDerivative)?;
+    let GradientSource::Spline(coefficients) = &source else { unreachable!("the kernel is a spline") };
+    let cells = CellDistances::new(&derivatives.second_derivative);
+    let settings = Settings { d_max: 4.0, ..Settings::new(Method::Fast) };
+    let floor =
+        settings.noise_floor as f32 * noise * NoiseGain::new(kernel, &[MEASURING_SIGMA], field.spacing)?.gradient;
+    let gradient = Gradient::new(&smooth, &source);
+    let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, floor, &settings);
+    let spline = Evaluator::new(coefficients, field.spacing);
+    let found = edge_statistics(&tracer, &spline, field.dims());
+    Ok(found.map(|found| {
+        let blur = (found.blur * found.blur - MEASURING_SIGMA * MEASURING_SIGMA).max(0.0).sqrt();
+        // The same step with less blur is steeper.
+        EdgeStatistics { blur, gradient_magnitude: found.gradient_magnitude * found.blur / blur.max(0.1) }
+    }))
+}

@@ -1,0 +1,28 @@
+//! A field's B-spline coefficients.
+
+use super::Degree;
+use super::prefilter::prefilter;
+use crate::Result;
+use crate::padded_field::PaddedField;
+use crate::working_field::Field;
+
+/// The coefficients of the spline through a field's samples.
+#[derive(Clone, Debug)]
+pub struct Coefficients {
+    /// One coefficient a voxel, and those that the outermost cells need beyond the faces.
+    pub field: PaddedField,
+    /// The spline's degree.
+    pub degree: Degree,
+}
+
+impl Coefficients {
+    /// The spline through every sample of `field`, none of which may be NaN. Beyond the faces the field goes on as in
+    /// [`PaddedField`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when memory runs out.
+    pub fn new(mut field: Field, degree: Degree) -> Result<Self> {
+        prefilter(&mut field, degree);
+        Ok(Self { field: PaddedField::new(&field)?, degree })
+    }
+}
