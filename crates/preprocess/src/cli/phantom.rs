@@ -26,6 +26,7 @@ pub fn run(args: &PhantomArgs) -> anyhow::Result<()> {
         noise: args.noise,
         seed: args.seed,
         scalar_type: args.dtype,
+        ..PhantomSettings::default()
     };
     let grid = phantom.generate(&settings)?;
     write(output, &grid.geometry, &grid.scalars, phantom.description())?;
