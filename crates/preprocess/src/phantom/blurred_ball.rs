@@ -77,7 +77,8 @@ impl Part for BlurredBall {
         let radial = self.radial(r);
         let r_over_blur = r / self.blur;
         // f'/r = −2R³/s⁴ · E·p and f'' − f'/r = r·(f'/r)' = −2R³/s⁴ · E·(u·p' − r²/s² · p).
-        let factor = -2.0 * self.step * (self.radius / self.blur).powi(3) / self.blur;
+        let ratio = self.radius / self.blur;
+        let factor = -2.0 * self.step * (ratio * ratio * ratio) / self.blur;
         let over_r = factor * radial.p;
         let direction = offset.normalize_or_zero();
         let radial_bend = factor * (radial.up - r_over_blur * r_over_blur * radial.p);

@@ -123,8 +123,13 @@ mod tests {
             for point in scattered_points(DVec3::new(2.0, 4.0, 3.0), 2.0) {
                 let depth = surface.depth(point);
                 let expected = 0.7 * profile::density_slope(depth, 0.9);
-                let found = boundary.derivatives(point).second_derivative();
+                let found = boundary.second_derivative(point);
                 assert!((found - expected).abs() < 1e-13, "{surface:?} {point}: {found} {expected}");
+                // ∇²f = f'' + g · ∇²depth.
+                let curvature = surface.curvature(point);
+                let bend = curvature.x_axis.x + curvature.y_axis.y + curvature.z_axis.z;
+                let laplacian = expected + 0.7 * profile::density(depth, 0.9) * bend;
+                assert!((boundary.laplacian(point) - laplacian).abs() < 1e-12, "{surface:?} {point}");
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::derivatives::Derivatives;
 use super::{BlurredBall, BlurredBox, Junction, MarschnerLobb};
@@ -17,6 +17,21 @@ pub trait Part: Debug + Send + Sync {
 
     /// Gradient and Hessian of [`Self::value`].
     fn derivatives(&self, point: DVec3) -> Derivatives;
+
+    /// Hessian of [`Self::value`], symmetric, in value per squared world unit.
+    fn hessian(&self, point: DVec3) -> DMat3 {
+        self.derivatives(point).hessian
+    }
+
+    /// `f'' = nᵀHn`, in value per squared world unit; 0 where the gradient vanishes.
+    fn second_derivative(&self, point: DVec3) -> f64 {
+        self.derivatives(point).second_derivative()
+    }
+
+    /// `∇²f`, in value per squared world unit.
+    fn laplacian(&self, point: DVec3) -> f64 {
+        self.derivatives(point).laplacian()
+    }
 
     /// Distance from `point` to the sharp surface that was blurred, positive on the side of the higher value; `None`
     /// for a part that was never sharp.

@@ -108,11 +108,10 @@ impl PhantomSettings {
         if !(self.noise.is_finite() && self.noise >= 0.0) {
             return fail(format!("a noise of {}: give a share of the step, 0 for none", self.noise));
         }
-        match self.quantization {
-            Some(quantization) => quantization.validate(self.scalar_type)?,
-            None => self.validate_value_mapping()?,
+        if let Some(quantization) = self.quantization {
+            quantization.validate(self.scalar_type)?;
         }
-        Ok(())
+        self.validate_value_mapping()
     }
 
     fn validate_value_mapping(&self) -> Result<()> {
