@@ -279,10 +279,45 @@ fn wrong_requests_are_explained() {
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
         ("phantom ball --dims 0,4,4 -o out.nrrd", "dimensions"),
         ("phantom ball --dims 4,4,4 --blur 0 -o out.nrrd", "blur"),
+        ("phantom slab-pair --dims 64,64,64 --thickness 0 -o out.nrrd", "thickness"),
+        ("phantom slab-pair --dims 64,64,64 --thickness 40 -o out.nrrd", "40 voxels thick"),
+        ("phantom ball --dims 8,8,8 --thickness 4 -o out.nrrd", "slab-pair"),
+        ("phantom ball --dims 8,8,8 --rotation 0,nan,0 -o out.nrrd", "rotation"),
+        ("phantom ball --dims 8,8,8 --offset 0,inf,0 -o out.nrrd", "offset"),
+        ("phantom ball --dims 8,8,8 --value-scale 0 -o out.nrrd", "value scale"),
+        ("phantom ball --dims 8,8,8 --value-scale 1e38 -o out.nrrd", "f32"),
+        ("phantom ball --dims 8,8,8 --value-offset 3 --dtype u12 -o out.nrrd", "range of stored numbers"),
+        ("phantom marschner-lobb --dims 8,8,8 -o out.nrrd --truth truth2.nrrd", "never sharp"),
+        ("phantom marschner-lobb --dims 8,8,8 --blur 2 -o out.nrrd", "blur"),
+        ("phantom ball --dims 8,8,8 -o out.nrrd --truth out.nrrd", "two outputs"),
+        ("phantom ball --dims 8,8,8 -o out.nrrd --crossing no/such.nrrd", "no folder"),
     ] {
         let message = workplace.fail(line);
         assert!(message.contains(reason), "{line}: {message}");
     }
+}
+
+#[test]
+fn phantoms_of_every_kind() {
+    let workplace = Workplace::new();
+    let list = workplace.succeed("phantom --list");
+    let names: Vec<_> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.len() == 10 && names.contains(&"marschner-lobb") && names.contains(&"slab-pair"), "{list}");
+    for name in names {
+        let small = "--dims 32,32,32 --rotation 10,-20,30 --offset -0.5,0,0.25 --noise 0.02 --noise-kind rician";
+        let thickness = if name == "slab-pair" { "--thickness 2" } else { "" };
+        workplace.succeed(&format!("phantom {name} {small} {thickness} --dtype u12 -o v.nrrd --crossing c.nrrd"));
+        workplace.succeed("prepare v.nrrd -o v.vxr");
+        let crossings = floats(&workplace.path("c.nrrd"));
+        assert!(crossings.len() == 32 * 32 * 32 && crossings.iter().any(|distance| distance.is_finite()), "{name}");
+    }
+    // A blurred ball of radius 10: the crossing lies s²/R = 0.225 inside the surface.
+    workplace.succeed("phantom blurred-ball --dims 32,32,32 -o v.nrrd --truth t.nrrd --crossing c.nrrd");
+    let (truth, crossing) = (floats(&workplace.path("t.nrrd")), floats(&workplace.path("c.nrrd")));
+    let shifts =
+        crossing.iter().zip(&truth).map(|(crossing, truth)| crossing - truth).filter(|shift| shift.is_finite());
+    assert!(shifts.map(|shift| (shift + 0.225).abs()).fold(0.0, f32::max) < 0.01);
+    assert_eq!(workplace.run("phantom ball --dims 8,8,8 --dtype u13 -o o.nrrd").status.code(), Some(2));
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use voxrole_pack::{HistogramKind, ScalarType};
 use voxrole_preprocess::differentiation::Kernel;
-use voxrole_preprocess::phantom::Phantom;
+use voxrole_preprocess::phantom::{NoiseKind, Phantom, Quantization};
 use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
 use voxrole_preprocess::reconstruction::Reconstruction;
 
@@ -180,27 +180,57 @@ pub struct PhantomArgs {
     /// Distance between voxels along x, y, z.
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, default_value = "1,1,1")]
     pub spacing: Triple,
-    /// Blur of the boundaries (σ) in multiples of the smallest spacing.
-    #[arg(long, value_name = "F", default_value_t = 1.5)]
-    pub blur: f64,
+    /// Blur of the boundaries (σ) in multiples of the smallest spacing [default: 1.5].
+    #[arg(long, value_name = "F")]
+    pub blur: Option<f64>,
+    /// Thickness of each slab of slab-pair in multiples of the smallest spacing [default: 4].
+    #[arg(long, value_name = "F")]
+    pub thickness: Option<f64>,
+    /// Rotation of the grid against the scene about the world's x, then y, then z axis, in degrees; the middle stays.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, default_value = "0,0,0", allow_hyphen_values = true)]
+    pub rotation: Triple,
+    /// Shift of the scene along x, y, z in multiples of the smallest spacing.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, default_value = "0,0,0", allow_hyphen_values = true)]
+    pub offset: Triple,
     /// Noise (σ) as a share of the largest step.
     #[arg(long, value_name = "F", default_value_t = 0.0)]
     pub noise: f64,
+    /// gaussian, or rician as of magnetic resonance: the magnitude of a complex value with noise in both parts.
+    #[arg(long, value_name = "KIND", default_value = "gaussian", value_parser = parse_noise_kind)]
+    pub noise_kind: NoiseKind,
     /// Seed of the noise.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Type of number: u8, i8, u16, i16, u32, i32, f32, f64.
-    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = parse_scalar_type)]
-    pub dtype: ScalarType,
+    /// What values of f32 and f64, noise included, are multiplied by.
+    #[arg(long, value_name = "F", default_value_t = 1.0, allow_hyphen_values = true)]
+    pub value_scale: f64,
+    /// What is added to them after that.
+    #[arg(long, value_name = "F", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub value_offset: f64,
+    /// Type of number: u8, i8, u12 (0 to 4095 in a u16), u16, i16, u32, i32, f32, f64.
+    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = parse_phantom_type)]
+    pub dtype: PhantomType,
     /// NRRD file to write.
     #[arg(short, long, value_name = "OUT.nrrd", required_unless_present = "list")]
     pub output: Option<PathBuf>,
-    /// NRRD file to write the exact signed distance to.
+    /// NRRD file to write the exact signed distance to, that to the sharp surface which was blurred.
     #[arg(long, value_name = "OUT.nrrd")]
     pub truth: Option<PathBuf>,
+    /// NRRD file to write the signed distance along the gradient to the formula's own zero crossing of f'' to.
+    #[arg(long, value_name = "OUT.nrrd")]
+    pub crossing: Option<PathBuf>,
     /// List the phantoms.
     #[arg(long)]
     pub list: bool,
+}
+
+/// A type of number, and what stands for what in it if that is not the type's own.
+#[derive(Clone, Copy, Debug)]
+pub struct PhantomType {
+    /// What is stored.
+    pub scalar_type: ScalarType,
+    /// The integers that are used.
+    pub quantization: Option<Quantization>,
 }
 
 /// Three numbers; clap would take a bare array for a list.
@@ -345,8 +375,17 @@ fn parse_phantom(name: &str) -> Result<Phantom, String> {
     Phantom::from_name(name).ok_or_else(|| format!("one of {}", Phantom::ALL.map(Phantom::name).join(", ")))
 }
 
-fn parse_scalar_type(name: &str) -> Result<ScalarType, String> {
-    ScalarType::from_name(name).ok_or_else(|| format!("one of {}", ScalarType::ALL.map(ScalarType::name).join(", ")))
+fn parse_noise_kind(name: &str) -> Result<NoiseKind, String> {
+    NoiseKind::from_name(name).ok_or_else(|| format!("one of {}", NoiseKind::ALL.map(NoiseKind::name).join(", ")))
+}
+
+fn parse_phantom_type(name: &str) -> Result<PhantomType, String> {
+    if name == "u12" {
+        return Ok(PhantomType { scalar_type: ScalarType::U16, quantization: Some(Quantization::U12) });
+    }
+    let scalar_type = ScalarType::from_name(name)
+        .ok_or_else(|| format!("one of u12, {}", ScalarType::ALL.map(ScalarType::name).join(", ")))?;
+    Ok(PhantomType { scalar_type, quantization: None })
 }
 
 #[cfg(test)]
@@ -374,6 +413,9 @@ mod tests {
             "voxrole slice f.vxr --field second-derivative --axis x --index 3 -o o.png",
             "voxrole export f.vxr --field hit-gradient -o o.nrrd",
             "voxrole phantom ball --dims 8,8,8 --blur 1 --noise 0 --seed 3 --dtype u8 --spacing 1,1,1 -o o.nrrd",
+            "voxrole phantom slab-pair --dims 64,64,64 --thickness 2 --rotation 10,-20,30 --offset -0.5,0,0.25 \
+             --noise 0.01 --noise-kind rician --dtype u12 -o o.nrrd --truth t.nrrd --crossing c.nrrd",
+            "voxrole phantom box --dims 8,8,8 --value-scale -1e30 --value-offset -1e6 --dtype f64 -o o.nrrd",
             "voxrole phantom --list",
         ] {
             Cli::try_parse_from(line.split_whitespace()).expect(line);

@@ -1,220 +1,121 @@
-//! Blurred boundaries whose value, gradient and distance are known in closed form.
+//! A sum of smooth parts with exact derivatives.
 
-use glam::DVec3;
-use std::f64::consts::{PI, SQRT_2};
+use glam::{DMat3, DVec3};
 
-/// A closed or endless surface with an inside, in world units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Surface {
-    /// A sphere.
-    Ball {
-        /// Its centre.
-        centre: DVec3,
-        /// Its radius.
-        radius: f64,
-    },
-    /// A plane; the inside is where `normal · x > offset`.
-    HalfSpace {
-        /// Unit vector towards the inside.
-        normal: DVec3,
-        /// Distance of the plane from the world's origin along `normal`.
-        offset: f64,
-    },
-    /// A ring torus: a tube around a circle.
-    Torus {
-        /// Centre of the circle.
-        centre: DVec3,
-        /// Unit vector at right angles to the circle's plane.
-        axis: DVec3,
-        /// The circle's radius.
-        major_radius: f64,
-        /// The tube's radius, below `major_radius`.
-        minor_radius: f64,
-    },
-}
+use super::Boundary;
+use super::derivatives::Derivatives;
+use super::part::{Part, Shape};
 
-impl Surface {
-    /// Exact distance from `point` to the surface in world units, positive inside.
-    #[must_use]
-    pub fn depth(&self, point: DVec3) -> f64 {
-        match *self {
-            Self::Ball { centre, radius } => radius - point.distance(centre),
-            Self::HalfSpace { normal, offset } => normal.dot(point) - offset,
-            Self::Torus { centre, axis, major_radius, minor_radius } => {
-                let along = axis.dot(point - centre);
-                let across = (point - centre - along * axis).length();
-                minor_radius - libm::hypot(across - major_radius, along)
-            }
-        }
-    }
-
-    /// Unit vector at `point` in which the depth grows; zero where there is none (a ball's centre, a torus' circle).
-    #[must_use]
-    pub fn inward(&self, point: DVec3) -> DVec3 {
-        match *self {
-            Self::Ball { centre, .. } => (centre - point).normalize_or_zero(),
-            Self::HalfSpace { normal, .. } => normal,
-            Self::Torus { centre, axis, major_radius, .. } => {
-                let offset = point - centre;
-                let across = (offset - axis.dot(offset) * axis).normalize_or_zero();
-                (centre + major_radius * across - point).normalize_or_zero()
-            }
-        }
-    }
-}
-
-/// A surface across which the value changes by `step`.
-///
-/// The profile is that of a sharp step blurred by a Gaussian, `step · ½ · erfc(−depth / (blur · √2))`. For a plane it
-/// is exactly the blurred step; for a curved surface it is defined by the distance, so that the gradient magnitude has
-/// its maximum on the surface itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Boundary {
-    /// Where it is.
-    pub surface: Surface,
-    /// Value inside minus value outside; not 0.
-    pub step: f64,
-    /// Standard deviation of the blur in world units; positive.
-    pub blur: f64,
-}
-
-impl Boundary {
-    /// What the boundary adds to the value at `point`.
-    #[must_use]
-    pub fn value(&self, point: DVec3) -> f64 {
-        self.step * 0.5 * libm::erfc(-self.surface.depth(point) / (self.blur * SQRT_2))
-    }
-
-    /// Gradient of [`Self::value`], in value per world unit.
-    #[must_use]
-    pub fn gradient(&self, point: DVec3) -> DVec3 {
-        let depth = self.surface.depth(point) / self.blur;
-        self.gradient_magnitude() * self.step.signum() * libm::exp(-0.5 * depth * depth) * self.surface.inward(point)
-    }
-
-    /// Gradient magnitude on the surface, `|step| / (blur · √(2π))`, in value per world unit.
-    #[must_use]
-    pub fn gradient_magnitude(&self) -> f64 {
-        self.step.abs() / (self.blur * (2.0 * PI).sqrt())
-    }
-
-    /// Distance from `point` in world units, positive on the side of the higher value.
-    #[must_use]
-    pub fn signed_distance(&self, point: DVec3) -> f64 {
-        self.surface.depth(point) * self.step.signum()
-    }
-}
-
-/// A value far outside and the boundaries that add to it.
+/// A value far outside and the parts that add to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Value where no boundary adds anything.
+    /// Value where no part adds anything.
     pub low: f64,
     /// Smallest and largest value of the plateaus between the boundaries.
     pub value_range: [f64; 2],
-    /// The boundaries; they do not touch each other.
+    /// The parts whose profile follows the distance to a surface; they do not touch each other.
     pub boundaries: Vec<Boundary>,
+    /// The other parts.
+    pub shapes: Vec<Shape>,
 }
 
 impl Scene {
+    /// All parts, boundaries first.
+    pub fn parts(&self) -> impl Iterator<Item = &dyn Part> {
+        let boundaries = self.boundaries.iter().map(|boundary| boundary as &dyn Part);
+        boundaries.chain(self.shapes.iter().map(Shape::part))
+    }
+
     /// Value at a point of the world.
     #[must_use]
     pub fn value(&self, point: DVec3) -> f64 {
-        self.low + self.boundaries.iter().map(|boundary| boundary.value(point)).sum::<f64>()
+        self.low + self.parts().map(|part| part.value(point)).sum::<f64>()
+    }
+
+    /// Gradient and Hessian at a point of the world.
+    #[must_use]
+    pub fn derivatives(&self, point: DVec3) -> Derivatives {
+        self.parts().map(|part| part.derivatives(point)).sum()
     }
 
     /// Gradient at a point of the world, in value per world unit.
     #[must_use]
     pub fn gradient(&self, point: DVec3) -> DVec3 {
-        self.boundaries.iter().map(|boundary| boundary.gradient(point)).sum()
+        self.derivatives(point).gradient
     }
 
-    /// The boundary nearest to `point`, the first of equals.
-    ///
-    /// # Panics
-    /// Never for the scenes of this crate: each has a boundary.
+    /// Hessian at a point of the world, symmetric, in value per squared world unit.
     #[must_use]
-    pub fn nearest_boundary(&self, point: DVec3) -> &Boundary {
+    pub fn hessian(&self, point: DVec3) -> DMat3 {
+        self.derivatives(point).hessian
+    }
+
+    /// `f'' = nᵀHn` at a point of the world, in value per squared world unit; 0 where the gradient vanishes.
+    #[must_use]
+    pub fn second_derivative(&self, point: DVec3) -> f64 {
+        self.derivatives(point).second_derivative()
+    }
+
+    /// `∇²f` at a point of the world, in value per squared world unit.
+    #[must_use]
+    pub fn laplacian(&self, point: DVec3) -> f64 {
+        self.derivatives(point).laplacian()
+    }
+
+    /// Whether there is a sharp surface that [`Self::signed_distance`] measures to.
+    #[must_use]
+    pub fn has_true_surface(&self) -> bool {
+        !self.boundaries.is_empty() || self.shapes.iter().any(|shape| !matches!(shape, Shape::MarschnerLobb(_)))
+    }
+
+    /// The boundary nearest to `point`, the first of equals; `None` for a scene of shapes alone.
+    #[must_use]
+    pub fn nearest_boundary(&self, point: DVec3) -> Option<&Boundary> {
         let distance = |boundary: &&Boundary| boundary.surface.depth(point).abs();
-        self.boundaries
-            .iter()
-            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
-            .expect("a scene is made with at least one boundary")
+        self.boundaries.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// Distance to the nearest boundary in world units, positive on the side of the higher value.
+    /// Exact distance to the nearest true surface in world units, positive on the side of the higher value; `None` for a
+    /// scene without one.
+    ///
+    /// The true surface is the sharp one that was blurred. Where it is curved, or others are near, the zero crossing of
+    /// f'' lies elsewhere: [`Self::crossing`] gives that.
     #[must_use]
-    pub fn signed_distance(&self, point: DVec3) -> f64 {
-        self.nearest_boundary(point).signed_distance(point)
+    pub fn signed_distance(&self, point: DVec3) -> Option<f64> {
+        self.parts().filter_map(|part| part.signed_distance(point)).min_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
-    /// Gradient magnitude on the boundary nearest to `point`, in value per world unit.
+    /// Gradient magnitude on the boundary nearest to `point`, in value per world unit; `None` for a scene of shapes alone.
     ///
     /// That of this boundary alone. Others add to it where they are near: at three blurs 1.1 %, at six 2e-6 %, of
-    /// theirs.
+    /// theirs. [`Self::crossing`] gives that of the whole field.
     #[must_use]
-    pub fn gradient_magnitude_at_boundary(&self, point: DVec3) -> f64 {
-        self.nearest_boundary(point).gradient_magnitude()
+    pub fn gradient_magnitude_at_boundary(&self, point: DVec3) -> Option<f64> {
+        self.nearest_boundary(point).map(Boundary::gradient_magnitude)
     }
 
     /// The largest step, as an absolute value.
     #[must_use]
     pub fn largest_step(&self) -> f64 {
-        self.boundaries.iter().map(|boundary| boundary.step.abs()).fold(0.0, f64::max)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn surfaces() -> [Surface; 3] {
-        let axis = DVec3::new(0.36, 0.48, 0.8);
-        [
-            Surface::Ball { centre: DVec3::new(1.0, 2.0, 3.0), radius: 4.0 },
-            Surface::HalfSpace { normal: axis, offset: 1.5 },
-            Surface::Torus { centre: DVec3::new(1.0, 2.0, 3.0), axis, major_radius: 5.0, minor_radius: 2.0 },
-        ]
+        self.parts().map(Part::step).fold(0.0, f64::max)
     }
 
-    #[test]
-    fn value_on_a_boundary_is_halfway_and_its_gradient_the_profiles_peak() {
-        for surface in surfaces() {
-            let boundary = Boundary { surface, step: -0.6, blur: 0.5 };
-            let start = DVec3::new(3.0, 5.5, 4.0);
-            let on = start - surface.depth(start) * surface.inward(start);
-            assert!(surface.depth(on).abs() < 1e-12, "{surface:?}");
-            assert!((boundary.value(on) + 0.3).abs() < 1e-12, "{surface:?}");
-            assert!((boundary.gradient(on).length() - 0.6 / (0.5 * (2.0 * PI).sqrt())).abs() < 1e-12, "{surface:?}");
-        }
+    /// Length in world units below which the field is smooth everywhere: the smallest blur.
+    #[must_use]
+    pub fn smallest_detail(&self) -> f64 {
+        self.parts().map(Part::detail).fold(f64::INFINITY, f64::min)
     }
 
-    #[test]
-    fn gradient_agrees_with_differences() {
-        let boundaries = surfaces().map(|surface| Boundary { surface, step: 0.7, blur: 0.9 }).to_vec();
-        let scene = Scene { low: 0.1, value_range: [0.1, 2.2], boundaries };
-        let h = 1e-4;
-        for step in 0..200 {
-            let t = f64::from(step);
-            let point = DVec3::new(6.0 * (0.7 * t).sin(), 6.0 * (0.3 * t).cos(), 7.0 * (0.11 * t).sin());
-            let difference = DVec3::from_array(
-                [DVec3::X, DVec3::Y, DVec3::Z]
-                    .map(|axis| (scene.value(point + h * axis) - scene.value(point - h * axis)) / (2.0 * h)),
-            );
-            assert!((scene.gradient(point) - difference).length() < 1e-7, "{point}: {difference}");
-        }
-    }
-
-    #[test]
-    fn distance_is_positive_where_the_value_is_higher() {
-        for (surface, step) in surfaces().into_iter().flat_map(|surface| [(surface, 0.5), (surface, -0.5)]) {
-            let scene =
-                Scene { low: 0.0, value_range: [-0.5, 0.5], boundaries: vec![Boundary { surface, step, blur: 0.3 }] };
-            let start = DVec3::new(3.0, 5.5, 4.0);
-            let on = start - surface.depth(start) * surface.inward(start);
-            let uphill = scene.gradient(on).normalize();
-            assert!((scene.signed_distance(on + 0.2 * uphill) - 0.2).abs() < 1e-9, "{surface:?} {step}");
-            assert!((scene.signed_distance(on - 0.2 * uphill) + 0.2).abs() < 1e-9, "{surface:?} {step}");
-        }
+    /// The scene whose value is `scale` times this one's plus `offset`; `scale` is not 0.
+    ///
+    /// A negative scale turns high-value sides into low ones, and with them the sign of every distance.
+    #[must_use]
+    pub fn with_values(mut self, scale: f64, offset: f64) -> Self {
+        self.low = scale.mul_add(self.low, offset);
+        let [low, high] = self.value_range.map(|value| scale.mul_add(value, offset));
+        self.value_range = [low.min(high), low.max(high)];
+        self.boundaries.iter_mut().for_each(|boundary| boundary.scale(scale));
+        self.shapes.iter_mut().for_each(|shape| shape.part_mut().scale(scale));
+        self
     }
 }

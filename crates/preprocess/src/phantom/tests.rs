@@ -1,4 +1,18 @@
+use glam::DVec3;
+
+use super::test_support::{differences, scattered_points};
 use super::*;
+
+mod crossings;
+mod placement;
+mod values;
+
+/// The phantoms whose parts all follow the distance to a surface.
+fn of_boundaries() -> impl Iterator<Item = Phantom> {
+    let made_of_boundaries =
+        |phantom: &Phantom| !phantom.scene(&settings([64; 3])).expect("a scene").boundaries.is_empty();
+    Phantom::ALL.into_iter().filter(made_of_boundaries)
+}
 
 fn settings(dims: [u32; 3]) -> PhantomSettings {
     PhantomSettings { dims, ..PhantomSettings::default() }
@@ -22,11 +36,12 @@ fn names_lead_back() {
 fn the_ball_is_the_one_its_description_promises() {
     let scene = Phantom::Ball.scene(&settings([64; 3])).expect("valid settings");
     let centre = DVec3::new(31.8, 31.3, 31.6);
-    assert!((scene.signed_distance(centre) - 20.0).abs() < 1e-12);
+    assert!((scene.signed_distance(centre).expect("a surface") - 20.0).abs() < 1e-12);
     assert!((scene.value(centre + DVec3::new(0.0, 20.0, 0.0)) - 0.5).abs() < 1e-12);
     // One blur outside: half of erfc(1/√2), the normal distribution's tail beyond one deviation.
     assert!((scene.value(centre + DVec3::new(21.5, 0.0, 0.0)) - 0.158_655_253_931_457).abs() < 1e-12);
-    assert!((scene.gradient_magnitude_at_boundary(centre) - 0.265_961_520_267_622).abs() < 1e-12);
+    let peak = scene.gradient_magnitude_at_boundary(centre).expect("a boundary");
+    assert!((peak - 0.265_961_520_267_622).abs() < 1e-12);
 }
 
 #[test]
@@ -42,40 +57,39 @@ fn the_three_balls_are_those_of_the_benchmark() {
         assert_eq!(*boundary, Boundary { surface, step, blur });
     }
     // The dark ball: its outside is the side of the higher value.
-    assert!((scene.signed_distance(DVec3::new(160.0, 140.0, 120.0)) + 30.0).abs() < 1e-12);
+    let depth = scene.signed_distance(DVec3::new(160.0, 140.0, 120.0)).expect("a surface");
+    assert!((depth + 30.0).abs() < 1e-12);
 }
 
 #[test]
-fn differences_of_the_volume_match_the_analytic_gradient() {
-    let settings = PhantomSettings { scalar_type: ScalarType::F64, blur: 2.0, ..settings([48, 40, 44]) };
+fn derivatives_of_every_scene_agree_with_differences() {
+    let settings = PhantomSettings { spacing: [0.7, 0.7, 1.1], ..settings([64, 64, 48]) };
     for phantom in Phantom::ALL {
         let scene = phantom.scene(&settings).expect("valid settings");
-        let values = values(phantom, &settings);
-        let strides = [1, 48, 48 * 40];
-        // Central differences err by h²/6 of the third derivative: each boundary by 1/(6 · blur²) of its peak.
-        let bound: f64 =
-            scene.boundaries.iter().map(|edge| edge.gradient_magnitude() / (6.0 * edge.blur * edge.blur)).sum();
-        let (mut worst, mut compared) = (0.0_f64, 0);
-        for (x, y, z) in (1..47).flat_map(|x| (1..39).map(move |y| (x, y, 18 + y % 8))) {
-            let point = DVec3::new(x as f64, y as f64, z as f64);
-            let Boundary { surface, blur, .. } = scene.nearest_boundary(point);
-            // Inside the torus the profile has a crease on the circle.
-            if surface.depth(point).abs() > 1.5 * blur {
-                continue;
+        let (detail, step) = (scene.smallest_detail(), scene.largest_step());
+        for point in scattered_points(settings.middle(), 25.0) {
+            let found = scene.derivatives(point);
+            let (gradient, hessian) =
+                differences(point, 1e-2 * detail, |place| scene.value(place), |place| scene.gradient(place));
+            let error = (gradient - found.gradient).length() * detail / step;
+            assert!(error < 1e-8, "{} {point}: {error}", phantom.name());
+            let error = (hessian - found.hessian).to_cols_array().into_iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+            assert!(error * detail * detail / step < 1e-6, "{} {point}: {error}", phantom.name());
+            let laplacian = hessian.x_axis.x + hessian.y_axis.y + hessian.z_axis.z;
+            assert!((scene.laplacian(point) - laplacian).abs() * detail * detail / step < 1e-6);
+            let normal = gradient.normalize_or_zero();
+            if gradient.length() * detail > 1e-4 * step {
+                let along = normal.dot(hessian * normal);
+                assert!((scene.second_derivative(point) - along).abs() * detail * detail / step < 1e-5);
             }
-            let index = x + 48 * y + 48 * 40 * z;
-            let difference = strides.map(|stride| 0.5 * (values[index + stride] - values[index - stride]));
-            worst = worst.max((DVec3::from_array(difference) - scene.gradient(point)).length() / bound);
-            compared += 1;
         }
-        assert!(compared > 100 && worst < 1.1, "{}: {worst} in {compared}", phantom.name());
     }
 }
 
 #[test]
 fn truth_is_signed_by_the_value_and_ends_at_its_reach() {
     let settings = PhantomSettings { spacing: [0.5, 0.5, 1.5], ..settings([64, 64, 32]) };
-    for phantom in Phantom::ALL {
+    for phantom in of_boundaries() {
         let scene = phantom.scene(&settings).expect("valid settings");
         let truth = phantom.truth(&settings).expect("valid settings");
         let mut found = [0_usize; 3];
@@ -83,12 +97,12 @@ fn truth_is_signed_by_the_value_and_ends_at_its_reach() {
             let point = DVec3::new((index % 64) as f64, (index / 64 % 64) as f64, (index / 4096) as f64)
                 * DVec3::from_array(settings.spacing);
             if distance.is_nan() {
-                assert!(scene.signed_distance(point).abs() > 7.5, "{} {point}", phantom.name());
+                assert!(scene.signed_distance(point).expect("a surface").abs() > 7.5, "{} {point}", phantom.name());
                 found[2] += 1;
                 continue;
             }
             assert!(distance.abs() <= 7.5, "{} {point}", phantom.name());
-            let boundary = scene.nearest_boundary(point);
+            let boundary = scene.nearest_boundary(point).expect("a boundary");
             let beyond_half = boundary.value(point) - boundary.step.min(0.0) > 0.5 * boundary.step.abs();
             assert_eq!(distance > 0.0, beyond_half, "{} {point} {distance}", phantom.name());
             found[usize::from(distance > 0.0)] += 1;
@@ -162,6 +176,17 @@ fn unusable_settings_are_refused() {
         PhantomSettings { blur: 0.0, ..good.clone() },
         PhantomSettings { blur: f64::NAN, ..good.clone() },
         PhantomSettings { noise: -0.1, ..good.clone() },
+        PhantomSettings { thickness: 0.0, ..good.clone() },
+        PhantomSettings { thickness: f64::INFINITY, ..good.clone() },
+        PhantomSettings { rotation: [0.0, f64::NAN, 0.0], ..good.clone() },
+        PhantomSettings { offset: [0.0, 0.0, f64::INFINITY], ..good.clone() },
+        PhantomSettings { value_scale: 0.0, ..good.clone() },
+        PhantomSettings { value_scale: 1e39, ..good.clone() },
+        PhantomSettings { value_scale: 1e-39, ..good.clone() },
+        PhantomSettings { value_offset: f64::NAN, ..good.clone() },
+        PhantomSettings { value_scale: 2.0, scalar_type: ScalarType::U8, ..good.clone() },
+        PhantomSettings { quantization: Some(Quantization::U12), ..good.clone() },
+        PhantomSettings { quantization: Some(Quantization::U12), scalar_type: ScalarType::U8, ..good.clone() },
     ] {
         assert!(Phantom::Ball.generate(&bad).is_err(), "{bad:?}");
         assert!(Phantom::Ball.truth(&bad).is_err(), "{bad:?}");
@@ -169,4 +194,9 @@ fn unusable_settings_are_refused() {
     // 2³¹ · 2²⁰ · 4 voxels can be counted but not held.
     let huge = PhantomSettings { dims: [1 << 31, 1 << 20, 4], ..good };
     assert!(matches!(Phantom::Ball.generate(&huge), Err(Error::OutOfMemory { .. })));
+    // Two slabs of 4 voxels and the gap between them are longer than 8 voxels.
+    let message = Phantom::SlabPair.generate(&settings([8; 3])).expect_err("too thick").to_string();
+    assert!(message.contains("4 voxels thick"), "{message}");
+    let message = Phantom::MarschnerLobb.truth(&settings([8; 3])).expect_err("no surface").to_string();
+    assert!(message.contains("never sharp"), "{message}");
 }
