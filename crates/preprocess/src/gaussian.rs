@@ -2,7 +2,6 @@
 
 use rayon::prelude::*;
 
-use crate::continuation::Continued;
 use crate::holes::Holes;
 use crate::working_field::{Field, dims_of, voxels, voxels_mut};
 
@@ -18,8 +17,10 @@ pub fn radius_of(sigma: f32, spacing: [f32; 3]) -> usize {
 
 /// Convolves with a Gaussian of `sigma` (in multiples of L_min, as is `spacing`), cut `radius` voxels away.
 ///
-/// Beyond the faces the field goes on as in [`Continued`], so that constants and ramps stay what they are to the last
-/// voxel. NaN voxels stay NaN; for their neighbours they are filled from their rims ([`Holes`]).
+/// Where the Gaussian reaches beyond a face, its weights inside are tilted so that they still fit a ramp exactly (local
+/// linear regression: Fan, *Design-adaptive nonparametric regression*, JASA 87, 1992): constants and ramps stay what they
+/// are to the last voxel, and noise is averaged there too. NaN voxels stay NaN; for their neighbours they are filled from
+/// their rims ([`Holes`]).
 #[must_use]
 pub fn gaussian(field: &Field, spacing: [f32; 3], sigma: f32, radius: usize) -> Field {
     let mut smooth = field.clone();
@@ -58,16 +59,22 @@ impl LineKernel {
         if radius < end { radius..end } else { 0..0 }
     }
 
-    /// The weights of all samples inside for the one at `at`.
+    /// The weights of all samples inside for the one at `at`: the Gaussian's, times the straight line that makes their sum 1
+    /// and their mean place `at` itself.
     fn weights_at(&self, at: usize) -> Vec<f32> {
-        let mut weights = vec![0.0; self.len];
-        let radius = self.half.len() as isize - 1;
-        for steps in -radius..=radius {
-            for (inside, weight) in Continued::new(at as isize + steps, self.len).terms(self.len) {
-                weights[inside] += weight * self.half[steps.unsigned_abs()];
-            }
-        }
-        weights
+        let reach = self.half.len() - 1;
+        let offset = |index: usize| index as f32 - at as f32;
+        let gaussian: Vec<f32> = (0..self.len)
+            .map(|index| if at.abs_diff(index) <= reach { self.half[at.abs_diff(index)] } else { 0.0 })
+            .collect();
+        let moment = |power: i32| -> f32 {
+            gaussian.iter().enumerate().map(|(index, weight)| weight * offset(index).powi(power)).sum()
+        };
+        let [sum, first, second] = [moment(0), moment(1), moment(2)];
+        // Σ w = 1 and Σ w·offset = 0 with w = gaussian · (constant + slope · offset).
+        let determinant = sum * second - first * first;
+        let [constant, slope] = [second / determinant, -first / determinant];
+        gaussian.iter().enumerate().map(|(index, weight)| weight * (constant + slope * offset(index))).collect()
     }
 
     /// The weights of every sample near an end.
@@ -141,38 +148,33 @@ mod tests {
     use super::*;
     use crate::naive_mean::{SPACING, check_against_naive, fields};
 
-    /// The naive twin: the full three-dimensional sum over the continued field.
+    /// The naive twin: at every voxel the weighted least-squares plane's value, from the normal equations of all samples
+    /// around it. The kernel is separable, and so is the plane on a box of samples.
     fn naive(field: &Field, sigma: f32, radius: usize) -> Vec<f64> {
         let mut filled = field.clone();
         Holes::fill(&mut filled);
         let (nz, ny, nx) = field.dim();
-        let radius = radius as isize;
-        let at = |[i, j, k]: [isize; 3]| {
-            let axes = [(i, nx), (j, ny), (k, nz)].map(|(index, len)| (Continued::new(index, len), len));
-            let mut sum = 0.0;
-            for (x, weight_x) in axes[0].0.terms(nx) {
-                for (y, weight_y) in axes[1].0.terms(ny) {
-                    for (z, weight_z) in axes[2].0.terms(nz) {
-                        sum += f64::from(weight_x * weight_y * weight_z) * f64::from(filled[[z, y, x]]);
-                    }
-                }
-            }
-            sum
+        let axis = |at: usize, len: usize, spacing: f32| -> Vec<(usize, f64)> {
+            let inside = at.saturating_sub(radius)..(at + radius + 1).min(len);
+            let place = |index: usize| (index as f64 - at as f64) * f64::from(spacing);
+            let gaussian = |index: usize| (-0.5 * (place(index) / f64::from(sigma)).powi(2)).exp();
+            let moment = |power| inside.clone().map(|index| gaussian(index) * place(index).powi(power)).sum::<f64>();
+            let [sum, first, second] = [moment(0), moment(1), moment(2)];
+            let tilt = if len == 1 { 0.0 } else { first / second };
+            let total = sum - tilt * first;
+            inside.clone().map(|index| (index, gaussian(index) * (1.0 - tilt * place(index)) / total)).collect()
         };
         let mean = |((k, j, i), &center): ((usize, usize, usize), &f32)| {
-            let (mut sum, mut total) = (0.0, 0.0);
-            for dz in -radius..=radius {
-                for dy in -radius..=radius {
-                    for dx in -radius..=radius {
-                        let squared: f64 =
-                            [dx, dy, dz].iter().zip(SPACING).map(|(&d, h)| (d as f64 * f64::from(h)).powi(2)).sum();
-                        let weight = (-0.5 * squared / f64::from(sigma).powi(2)).exp();
-                        sum += weight * at([i as isize + dx, j as isize + dy, k as isize + dz]);
-                        total += weight;
+            let [x, y, z] = [axis(i, nx, SPACING[0]), axis(j, ny, SPACING[1]), axis(k, nz, SPACING[2])];
+            let mut sum = 0.0;
+            for (k, weight_z) in &z {
+                for (j, weight_y) in &y {
+                    for (i, weight_x) in &x {
+                        sum += weight_x * weight_y * weight_z * f64::from(filled[[*k, *j, *i]]);
                     }
                 }
             }
-            if center.is_nan() { f64::NAN } else { sum / total }
+            if center.is_nan() { f64::NAN } else { sum }
         };
         field.indexed_iter().map(mean).collect()
     }

@@ -5,7 +5,7 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::prepare::compute_roles;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::report::Stopwatch;
-use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
+use voxrole_preprocess::settings::{Automatic, Climb, Method, Settings, Smoothing, SmoothingSettings};
 
 /// Errors of the voxels whose true distance is within two blurs.
 #[derive(Debug)]
@@ -124,5 +124,62 @@ fn accurate_on_the_ball() {
         eprintln!("blur {blur}: {found:?}");
         assert!(found.hit_rate >= 0.9995 && found.wrong == 0, "blur {blur}: {found:?}");
         assert!(found.rms <= rms && found.gradient_bias.abs() <= bias, "blur {blur}: {found:?}");
+    }
+}
+
+/// Errors against the roles that the same settings give on the phantom without noise: the smoothed field's own crossings.
+#[derive(Debug)]
+struct OwnErrors {
+    hit_rate: f64,
+    rms: f64,
+    wrong_share: f64,
+    /// Voxels farther than d_max from every boundary that have a hit, as a share of them.
+    far_share: f64,
+}
+
+fn against_own(phantom: Phantom, noisy: &PhantomSettings) -> OwnErrors {
+    let clean = PhantomSettings { noise: 0.0, scalar_type: ScalarType::F32, ..noisy.clone() };
+    let [noisy_grid, clean_grid] = [noisy, &clean].map(|settings| phantom.generate(settings).expect("a phantom"));
+    let auto = Settings::new(Method::Auto);
+    let (found, _) = compute_roles(&noisy_grid, &auto, &Silent, &mut Stopwatch::new()).expect("roles");
+    let settings = Settings { automatic: Automatic::default(), ..found.settings };
+    let (own, _) = compute_roles(&clean_grid, &settings, &Silent, &mut Stopwatch::new()).expect("roles");
+    let truth = phantom.truth(noisy).expect("its truth");
+    let scale = own.field.smallest_spacing;
+    let (mut near, mut hits, mut squares, mut wrong, mut far, mut far_hits) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for (voxel, &truth) in truth.iter().enumerate() {
+        let [distance, own] = [&found, &own].map(|prepared| f64::from(prepared.roles.distance[voxel]));
+        if truth.is_nan() {
+            far += 1.0;
+            far_hits += f64::from(u8::from(distance.is_finite()));
+        } else if f64::from(truth).abs() <= 2.0 * noisy.blur * scale && own.is_finite() {
+            near += 1.0;
+            if distance.is_finite() {
+                hits += 1.0;
+                squares += (distance - own).powi(2);
+                wrong += f64::from(u8::from((distance - own).abs() > 0.5));
+            }
+        }
+    }
+    eprintln!("{:?}", found.choice);
+    OwnErrors {
+        hit_rate: hits / near,
+        rms: (squares / hits).sqrt(),
+        wrong_share: wrong / hits,
+        far_share: if far > 0.0 { far_hits / far } else { 0.0 },
+    }
+}
+
+#[test]
+fn auto_under_noise() {
+    // Noise as a share of the step, and the largest share of wrong hits and rms error in voxels.
+    for (noise, wrong_share, rms) in [(0.01, 0.001, 0.05), (0.03, 0.003, 0.1)] {
+        for phantom in [Phantom::Ball, Phantom::Torus, Phantom::Shells] {
+            let settings = PhantomSettings { dims: [80; 3], noise, seed: 3, ..PhantomSettings::default() };
+            let found = against_own(phantom, &settings);
+            eprintln!("{} {noise}: {found:?}", phantom.name());
+            assert!(found.hit_rate >= 0.995 && found.far_share <= 0.005, "{} {noise}: {found:?}", phantom.name());
+            assert!(found.wrong_share <= wrong_share && found.rms <= rms, "{} {noise}: {found:?}", phantom.name());
+        }
     }
 }
