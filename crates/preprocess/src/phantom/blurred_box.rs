@@ -27,10 +27,12 @@ impl BlurredBox {
     fn interval(x: f64, a: f64, blur: f64) -> [f64; 3] {
         // Mirrored to the side where both terms are small, so that their difference keeps its digits.
         let far = x.abs();
+        let [entering, leaving] = [x + a, x - a];
+        let [rise, fall] = [profile::density(entering, blur), profile::density(leaving, blur)];
         [
             profile::step(a - far, blur) - profile::step(-a - far, blur),
-            profile::density(x + a, blur) - profile::density(x - a, blur),
-            profile::density_slope(x + a, blur) - profile::density_slope(x - a, blur),
+            rise - fall,
+            (leaving * fall - entering * rise) / blur / blur,
         ]
     }
 

@@ -122,7 +122,7 @@ mod tests {
             let boundary = Boundary { surface, step: 0.7, blur: 0.9 };
             for point in scattered_points(DVec3::new(2.0, 4.0, 3.0), 2.0) {
                 let depth = surface.depth(point);
-                let expected = 0.7 * profile::density_slope(depth, 0.9);
+                let expected = 0.7 * profile::density(depth, 0.9) * -depth / 0.81;
                 let found = boundary.second_derivative(point);
                 assert!((found - expected).abs() < 1e-13, "{surface:?} {point}: {found} {expected}");
                 // ∇²f = f'' + g · ∇²depth.

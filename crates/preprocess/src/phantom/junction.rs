@@ -44,10 +44,11 @@ impl Part for Junction {
     fn derivatives(&self, point: DVec3) -> Derivatives {
         let (u, v) = self.coordinates(point);
         let beyond = profile::step(u, self.blur);
-        let [first, first_slope] = [profile::density(u, self.blur), profile::density_slope(u, self.blur)];
+        let first = profile::density(u, self.blur);
+        let first_slope = -u / self.blur / self.blur * first;
         let height = self.split.mul_add(profile::step(v, self.blur), self.step);
         let split = self.split * profile::density(v, self.blur);
-        let split_slope = self.split * profile::density_slope(v, self.blur);
+        let split_slope = -v / self.blur / self.blur * split;
         let (a, b) = (self.normal, self.split_normal);
         Derivatives {
             gradient: first * height * a + beyond * split * b,

@@ -14,8 +14,3 @@ pub(super) fn density(t: f64, blur: f64) -> f64 {
     let t = t / blur;
     libm::exp(-0.5 * t * t) / (blur * (2.0 * PI).sqrt())
 }
-
-/// Second derivative of [`step`].
-pub(super) fn density_slope(t: f64, blur: f64) -> f64 {
-    -t / blur / blur * density(t, blur)
-}
