@@ -4,12 +4,12 @@ use serde::Serialize;
 
 use crate::Result;
 use crate::blur::{EdgeStatistics, edge_statistics};
-use crate::boundary::Tracer;
+use crate::boundary::{GradientFloor, Tracer};
 use crate::bspline::Evaluator;
 use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate};
 use crate::directional_derivative::EdgeOperator;
 use crate::gaussian::{gaussian, radius_of};
-use crate::noise_gain::NoiseGain;
+use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::reconstruction::Reconstruction;
 use crate::settings::{Method, Settings, Smoothing, SmoothingSettings};
 use crate::working_field::WorkingField;
@@ -150,10 +150,10 @@ fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
     let GradientSource::Spline(coefficients) = &source else { unreachable!("the kernel is a spline") };
     let cells = CellDistances::new(&derivatives.second_derivative);
     let settings = Settings { d_max: 4.0, ..Settings::new(Method::Fast) };
-    let floor =
-        settings.noise_floor as f32 * noise * NoiseGain::new(kernel, &[MEASURING_SIGMA], field.spacing)?.gradient;
+    let gradient_noise = GradientNoise::new(kernel, &[MEASURING_SIGMA], field.spacing, field.dims(), noise)?;
+    let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
     let gradient = Gradient::new(&smooth, &source);
-    let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, floor, &settings);
+    let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, &floor, &settings);
     let spline = Evaluator::new(coefficients, field.spacing);
     let found = edge_statistics(&tracer, &spline, field.dims());
     Ok(found.map(|found| {

@@ -21,69 +21,135 @@ pub struct NoiseGain {
 }
 
 impl NoiseGain {
-    /// The gains of a kernel after Gaussians of the given σ in multiples of L_min, as is `spacing`: the norms of the
-    /// impulse responses.
+    /// The gains of a kernel after Gaussians of the given σ in multiples of L_min, as is `spacing`, far from every face:
+    /// the norms of the impulse responses.
     ///
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(kernel: Kernel, sigmas: &[f32], spacing: [f32; 3]) -> Result<Self> {
-        let mut axes = [Norms::default(); 3];
+        let mut axes = [[0.0; 3]; 3];
         for (norms, spacing) in axes.iter_mut().zip(spacing) {
-            *norms = Norms::new(kernel, sigmas, spacing)?;
+            let line = Line::new(kernel, sigmas, spacing);
+            let middle = line.reach();
+            *norms = line.responses(middle, 2 * middle + 1)?.map(|response| norm(&response));
         }
-        let largest = |of: fn(&Norms) -> f32| {
-            let along = |axis: usize| {
-                (0..3).fold(1.0, |product, other| {
-                    product * if other == axis { of(&axes[axis]) } else { axes[other].value }
-                })
-            };
+        let largest = |order: usize| {
+            let along =
+                |axis: usize| (0..3).map(|other| axes[other][if other == axis { order } else { 0 }]).product::<f32>();
             (0..3).map(along).fold(0.0, f32::max)
         };
-        Ok(Self { gradient: largest(|norms| norms.first), second_derivative: largest(|norms| norms.second) })
+        Ok(Self { gradient: largest(1), second_derivative: largest(2) })
     }
 }
 
-/// Norms of one axis' impulse responses.
-#[derive(Clone, Copy, Default)]
-struct Norms {
-    value: f32,
-    first: f32,
-    second: f32,
+/// How large the gradient is that noise alone makes, voxel by voxel: near the faces kernels average over fewer samples.
+#[derive(Clone, Debug)]
+pub struct GradientNoise {
+    /// By axis and depth below the nearer face: the gains of the value and of the first derivative. The last depth stands
+    /// for all beyond.
+    axes: [Vec<[f32; 2]>; 3],
+    dims: [usize; 3],
+    noise: f32,
 }
 
-impl Norms {
-    fn new(kernel: Kernel, sigmas: &[f32], spacing: f32) -> Result<Self> {
-        let own = if let Kernel::Gaussian(sigma) = kernel { Some(sigma as f32) } else { None };
-        let sigmas: Vec<f32> = sigmas.iter().copied().chain(own).collect();
-        let reach: usize = sigmas.iter().map(|&sigma| radius_of(sigma, [spacing; 3])).sum();
-        let middle = reach + DECAY;
-        let mut line = Field::zeros((1, 1, 2 * middle + 1));
-        line[[0, 0, middle]] = 1.0;
-        for sigma in sigmas {
-            line = gaussian(&line, [spacing; 3], sigma, radius_of(sigma, [spacing; 3]));
+impl GradientNoise {
+    /// The noise of a kernel's gradient after Gaussians of the given σ, on a volume of `dims` voxels whose value has white
+    /// noise of deviation `noise`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when memory runs out.
+    pub fn new(kernel: Kernel, sigmas: &[f32], spacing: [f32; 3], dims: [usize; 3], noise: f32) -> Result<Self> {
+        let mut axes = [const { Vec::new() }; 3];
+        for ((gains, spacing), len) in axes.iter_mut().zip(spacing).zip(dims) {
+            *gains = Line::new(kernel, sigmas, spacing).gains_by_depth(len)?;
         }
-        let norm = |values: &[f32]| values.iter().map(|value| value * value).sum::<f32>().sqrt();
-        let value = norm(line.as_slice().unwrap_or_default());
-        let (field, weights) = match kernel.spline() {
+        Ok(Self { axes, dims, noise })
+    }
+
+    /// The standard deviation of the noisiest component of the gradient at a voxel.
+    #[inline]
+    #[must_use]
+    pub fn at(&self, voxel: [usize; 3]) -> f32 {
+        let gains = |axis: usize| {
+            let depth = voxel[axis].min(self.dims[axis] - 1 - voxel[axis]);
+            self.axes[axis][depth.min(self.axes[axis].len() - 1)]
+        };
+        let [[x, along_x], [y, along_y], [z, along_z]] = [gains(0), gains(1), gains(2)];
+        self.noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)
+    }
+}
+
+/// What happens to the value along one axis.
+struct Line {
+    kernel: Kernel,
+    sigmas: Vec<f32>,
+    spacing: f32,
+}
+
+impl Line {
+    fn new(kernel: Kernel, sigmas: &[f32], spacing: f32) -> Self {
+        let own = if let Kernel::Gaussian(sigma) = kernel { Some(sigma as f32) } else { None };
+        Self { kernel, sigmas: sigmas.iter().copied().chain(own).collect(), spacing }
+    }
+
+    fn radius(&self, sigma: f32) -> usize {
+        radius_of(sigma, [self.spacing; 3])
+    }
+
+    /// Voxels beyond which a sample is not felt.
+    fn reach(&self) -> usize {
+        self.sigmas.iter().map(|&sigma| self.radius(sigma)).sum::<usize>() + DECAY
+    }
+
+    /// What an impulse of 1 at sample `at` of a line of `len` makes of the value and its first two derivatives.
+    fn responses(&self, at: usize, len: usize) -> Result<[Vec<f32>; 3]> {
+        let mut line = Field::zeros((1, 1, len));
+        line[[0, 0, at]] = 1.0;
+        for &sigma in &self.sigmas {
+            line = gaussian(&line, [self.spacing; 3], sigma, self.radius(sigma));
+        }
+        let value = line.iter().copied().collect();
+        let (field, weights) = match self.kernel.spline() {
             Some(degree) => (Coefficients::new(line, degree)?.field, SeparableKernel::spline(degree)),
-            None if kernel == Kernel::Central2 => (PaddedField::new(&line)?, SeparableKernel::CENTRAL_2),
+            None if self.kernel == Kernel::Central2 => (PaddedField::new(&line)?, SeparableKernel::CENTRAL_2),
             None => (PaddedField::new(&line)?, SeparableKernel::CENTRAL_4),
         };
         let [row, slice] = field.strides();
-        let start = PADDING * (row + slice);
-        let samples = &field.values()[start..start + row];
-        let respond = |[own, next, after]: [f32; 3], sign: f32| {
-            let response = samples
-                .windows(5)
-                .map(|taps| own * taps[2] + next * (taps[3] + sign * taps[1]) + after * (taps[4] + sign * taps[0]));
-            norm(&response.collect::<Vec<_>>())
+        let samples = &field.values()[PADDING * (row + slice)..][..len + 2 * PADDING];
+        let respond = |[own, next, after]: [f32; 3], sign: f32, scale: f32| {
+            let response = samples.windows(5).map(|taps| {
+                let [a, b, c, d, e] = [taps[0], taps[1], taps[2], taps[3], taps[4]];
+                scale * (own * c + next * (d + sign * b) + after * (e + sign * a))
+            });
+            response.collect()
         };
-        Ok(Self {
-            value,
-            first: respond(weights.first, -1.0) / spacing,
-            second: respond(weights.second, 1.0) / (spacing * spacing),
-        })
+        let per_length = self.spacing.recip();
+        Ok([value, respond(weights.first, -1.0, per_length), respond(weights.second, 1.0, per_length * per_length)])
     }
+
+    /// The gains of the value and of the first derivative by depth below the face of a line of `len` samples.
+    fn gains_by_depth(&self, len: usize) -> Result<Vec<[f32; 2]>> {
+        let depths = self.reach().min(len.div_ceil(2));
+        // Long enough for the far face not to be felt, unless the line itself is shorter.
+        let len = len.min(depths + 2 * self.reach());
+        let mut squares = vec![[0.0; 2]; depths];
+        for at in 0..len {
+            let [value, first, _] = self.responses(at, len)?;
+            for (sums, response) in squares.iter_mut().zip(value.iter().zip(&first)) {
+                sums[0] += response.0 * response.0;
+                sums[1] += response.1 * response.1;
+            }
+        }
+        // Central differences of second order have a border rule of their own, (−3, 4, −1)/2.
+        if self.kernel == Kernel::Central2 && self.sigmas.is_empty() && len > 2 {
+            squares[0][1] = 6.5 / (self.spacing * self.spacing);
+        }
+        Ok(squares.into_iter().map(|sums| sums.map(f32::sqrt)).collect())
+    }
+}
+
+fn norm(values: &[f32]) -> f32 {
+    values.iter().map(|value| value * value).sum::<f32>().sqrt()
 }
 
 #[cfg(test)]
@@ -98,6 +164,51 @@ mod tests {
         );
         let gain = NoiseGain::new(Kernel::Central4, &[], [1.0, 2.0, 2.0]).expect("fits");
         assert!((gain.gradient - 130.0_f32.sqrt() / 12.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_gradient_s_noise_is_what_its_gains_say() {
+        // White noise through the kernels themselves, at the faces and inside.
+        for (kernel, sigmas) in
+            [(Kernel::Central2, vec![]), (Kernel::QuinticSpline, vec![]), (Kernel::QuinticSpline, vec![1.0_f32])]
+        {
+            let mut sums = [0.0_f64; 3];
+            let mut expected = [0.0; 3];
+            let count = 40;
+            for seed in 0..count {
+                let values = Field::from_shape_fn((12, 12, 32), |(k, j, i)| {
+                    let bits = ((k * 64 + j) * 64 + i + 1_000_003 * seed) as u32;
+                    let hash = (bits ^ (bits >> 15)).wrapping_mul(0x2c1b_3c6d);
+                    let hash = (hash ^ (hash >> 12)).wrapping_mul(0x297a_2d39);
+                    ((hash ^ (hash >> 15)) as f64 / f64::from(u32::MAX) - 0.5) as f32 * 12.0_f32.sqrt()
+                });
+                let mut values = values;
+                for &sigma in &sigmas {
+                    values = gaussian(&values, [1.0; 3], sigma, radius_of(sigma, [1.0; 3]));
+                }
+                let grid = crate::Grid::new(
+                    "noise",
+                    voxrole_pack::GridGeometry::axis_aligned([32, 12, 12], [1.0; 3]),
+                    voxrole_pack::Scalars::F32(values.iter().copied().collect()),
+                );
+                let mut field = crate::working_field::WorkingField::new(&grid.expect("a grid")).expect("a field");
+                let scale = field.value_scale;
+                let (_, source) =
+                    crate::differentiation::differentiate(&mut field, kernel, Default::default()).expect("fits");
+                let gradient = crate::differentiation::Gradient::new(&field, &source);
+                let noise = GradientNoise::new(kernel, &sigmas, [1.0; 3], [32, 12, 12], 1.0).expect("fits");
+                for (place, x) in [0, 1, 15].into_iter().enumerate() {
+                    let voxels = (4..8).flat_map(|k| (4..8).map(move |j| [x, j, k]));
+                    sums[place] +=
+                        voxels.map(|voxel| (f64::from(gradient.at(voxel).x) * scale).powi(2)).sum::<f64>() / 16.0;
+                    expected[place] = noise.at([x, 6, 6]);
+                }
+            }
+            for (sum, expected) in sums.into_iter().zip(expected) {
+                let found = (sum / count as f64).sqrt();
+                assert!((found / f64::from(expected) - 1.0).abs() < 0.15, "{kernel} {sigmas:?}: {found} {expected}");
+            }
+        }
     }
 
     #[test]

@@ -5,12 +5,12 @@ use std::path::Path;
 use voxrole_pack::Scalars;
 
 use crate::automatic::choose;
-use crate::boundary::Tracer;
+use crate::boundary::{GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
 use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
 use crate::directional_derivative::Derivatives;
 use crate::noise::noise_sigma;
-use crate::noise_gain::NoiseGain;
+use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::packing::Prepared;
 use crate::progress::Progress;
 use crate::reconstruction::{Reconstruction, Smooth};
@@ -111,10 +111,11 @@ pub fn compute_roles<'a>(
     watch.lap("reconstruction");
     progress.step();
 
-    let floor = settings.noise_floor as f32 * noise * gain.gradient;
+    let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, field.spacing, field.dims(), noise)?;
+    let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
     let smooth = splines.smooth(&field, &source, &settings);
     let gradient = Gradient::new(&field, &source);
-    let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, floor, &settings);
+    let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
     let roles = Roles::new(&tracer, field.dims(), progress)?;
     watch.lap("rays");
     let counts = Counts {

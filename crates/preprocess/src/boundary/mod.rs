@@ -9,6 +9,7 @@ use glam::Vec3;
 
 use crate::differentiation::Gradient;
 use crate::directional_derivative::Derivatives;
+use crate::noise_gain::GradientNoise;
 use crate::reconstruction::Smooth;
 use crate::root_finder::{RootFinder, bisect, first_fall_of_cubic, itp};
 use crate::sampler::{Ray, Sampler};
@@ -20,6 +21,26 @@ use crate::zero_crossing::CellDistances;
 ///
 /// Working values are at most 1, so the threshold is relative to the data.
 pub const GRADIENT_FLOOR: f32 = 4.0 / (1 << 24) as f32;
+
+/// The gradient magnitude that a boundary must have.
+#[derive(Clone, Debug)]
+pub struct GradientFloor(Option<(GradientNoise, f32)>);
+
+impl GradientFloor {
+    /// [`GRADIENT_FLOOR`] everywhere.
+    pub const ROUNDING: Self = Self(None);
+
+    /// So many deviations of the gradient's noise at each voxel, and [`GRADIENT_FLOOR`] at least.
+    #[must_use]
+    pub fn new(noise: GradientNoise, deviations: f32) -> Self {
+        Self((deviations > 0.0).then_some((noise, deviations)))
+    }
+
+    #[inline]
+    fn at(&self, voxel: [usize; 3]) -> f32 {
+        self.0.as_ref().map_or(GRADIENT_FLOOR, |(noise, deviations)| (deviations * noise.at(voxel)).max(GRADIENT_FLOOR))
+    }
+}
 
 /// With steps above this share of L_min a ray could jump over a corner of a mixed cell unseen, so nothing is leapt over.
 const LARGEST_LEAPING_STEP: f32 = 0.9;
@@ -83,7 +104,7 @@ pub struct Tracer<'a> {
     gradient_magnitude: &'a [f32],
     second_derivative: &'a [f32],
     cells: Option<&'a CellDistances>,
-    gradient_floor: f32,
+    floor: &'a GradientFloor,
     gradient: Gradient<'a>,
     smooth: Option<Smooth<'a>>,
     root_finder: RootFinder,
@@ -106,8 +127,7 @@ struct SignedRay {
 
 impl<'a> Tracer<'a> {
     /// A tracer over a field and its (possibly smoothed) derivatives. `cells` are those of the same f''. Crossings are
-    /// refined on `smooth`, where there is one. Gradients up to `noise_floor` (or [`GRADIENT_FLOOR`], if that is more) are
-    /// no boundary.
+    /// refined on `smooth`, where there is one. Gradients up to `floor` are no boundary.
     #[must_use]
     pub fn new(
         field: &'a WorkingField,
@@ -115,7 +135,7 @@ impl<'a> Tracer<'a> {
         cells: &'a CellDistances,
         gradient: Gradient<'a>,
         smooth: Option<Smooth<'a>>,
-        noise_floor: f32,
+        floor: &'a GradientFloor,
         settings: &Settings,
     ) -> Self {
         let step = settings.step as f32;
@@ -125,7 +145,7 @@ impl<'a> Tracer<'a> {
             gradient_magnitude: voxels(&derivatives.gradient_magnitude),
             second_derivative: voxels(&derivatives.second_derivative),
             cells: leaps.then_some(cells),
-            gradient_floor: noise_floor.max(GRADIENT_FLOOR),
+            floor,
             gradient,
             smooth,
             root_finder: settings.root_finder,
@@ -147,8 +167,8 @@ impl<'a> Tracer<'a> {
         if second.is_nan() {
             return Role::Masked;
         }
-        let gradient =
-            if self.gradient_magnitude[index] > self.gradient_floor { self.gradient.at(voxel) } else { Vec3::ZERO };
+        let is_steep = self.gradient_magnitude[index] > self.floor.at(voxel);
+        let gradient = if is_steep { self.gradient.at(voxel) } else { Vec3::ZERO };
         let magnitude = gradient.length();
         if magnitude <= GRADIENT_FLOOR {
             work.flat += 1;
@@ -347,22 +367,22 @@ impl<'a> Tracer<'a> {
     }
 
     fn hit(&self, up: &Ray, crossing: f32, normal: Vec3, work: &mut Work) -> Option<BoundaryHit> {
-        let (t, gradient_magnitude, value) = match &self.smooth {
+        let (t, place, gradient_magnitude, value) = match &self.smooth {
             None => {
                 let place = self.sampler.place(up, crossing)?;
                 let [g, value] =
                     [self.gradient_magnitude, self.values].map(|field| self.sampler.trilinear(field, &place));
-                (crossing, g, value)
+                (crossing, place, g, value)
             }
             Some(smooth) => {
                 let t = self.refined(smooth, up, crossing, work).unwrap_or(crossing);
                 let place = self.sampler.place(up, t)?;
                 work.evaluations += 1;
                 let (g, value) = smooth.gradient_magnitude_and_value(&place);
-                (t, g, value)
+                (t, place, g, value)
             }
         };
-        (gradient_magnitude > self.gradient_floor && t.abs() <= self.d_max).then_some(BoundaryHit {
+        (gradient_magnitude > self.floor.at(place.cell) && t.abs() <= self.d_max).then_some(BoundaryHit {
             // A voxel from which the boundary lies upwards is on its low side.
             distance: -t,
             gradient_magnitude,

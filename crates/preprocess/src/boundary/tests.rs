@@ -32,7 +32,15 @@ impl Scene {
 
     fn roles(&self, settings: &Settings) -> (Vec<Role>, Work) {
         let gradient = Gradient::Central2 { values: voxels(&self.field.values), stencils: Stencils::new(&self.field) };
-        let tracer = Tracer::new(&self.field, &self.derivatives, &self.cells, gradient, None, 0.0, settings);
+        let tracer = Tracer::new(
+            &self.field,
+            &self.derivatives,
+            &self.cells,
+            gradient,
+            None,
+            &GradientFloor::ROUNDING,
+            settings,
+        );
         let [nx, ny, nz] = self.field.dims();
         let mut work = Work::default();
         let voxels = (0..nx * ny * nz).map(|v| [v % nx, v / nx % ny, v / (nx * ny)]);
