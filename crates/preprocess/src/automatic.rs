@@ -26,6 +26,9 @@ const SIGMAS: [f64; 7] = [0.0, 0.5, 0.7, 0.85, 1.0, 1.25, 1.5];
 /// σ of the Gaussian under which blur is measured, so that noise does not make it look sharper; taken off again.
 const MEASURING_SIGMA: f32 = 1.0;
 
+/// No edge is taken to be sharper, in multiples of L_min: that of a mask sampled voxel by voxel.
+const SHARPEST: f32 = 0.3;
+
 /// What was found and chosen, as the report gives it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Choice {
@@ -92,7 +95,7 @@ pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Resu
     let sigma =
         if settings.smoothing.placement == Smoothing::GaussianValue { settings.smoothing.spatial_sigma } else { 0.0 };
     Ok(Choice {
-        noise_share: edges.map(|edges| f64::from(noise / step_of(&edges))),
+        noise_share: edges.map(|edges| f64::from(noise / edges.step)),
         blur,
         sigma,
         jitter,
@@ -119,11 +122,6 @@ fn reason(blur: Option<f64>, sigma: f64, under_sampled: bool) -> String {
     format!("{kernel}; {smoothing}")
 }
 
-/// The step across an edge of a Gaussian's profile.
-fn step_of(edges: &EdgeStatistics) -> f32 {
-    edges.gradient_magnitude * edges.blur * std::f32::consts::TAU.sqrt()
-}
-
 /// The standard deviation of a crossing's place: that of f'' under noise over the slope of f'' across the edge, which is
 /// A/(s³√2π) for a step A blurred by s.
 fn expected_jitter(
@@ -136,7 +134,7 @@ fn expected_jitter(
     let sigmas = if sigma > 0.0 { vec![sigma as f32] } else { Vec::new() };
     let gain = NoiseGain::new(kernel, &sigmas, field.spacing)?;
     let blur = f64::from(edges.blur).hypot(sigma);
-    let slope = f64::from(step_of(edges)) / (blur.powi(3) * std::f64::consts::TAU.sqrt());
+    let slope = f64::from(edges.step) / (blur.powi(3) * std::f64::consts::TAU.sqrt());
     Ok(f64::from(noise * gain.second_derivative) / slope)
 }
 
@@ -157,8 +155,7 @@ fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
     let spline = Evaluator::new(coefficients, field.spacing);
     let found = edge_statistics(&tracer, &spline, field.dims());
     Ok(found.map(|found| {
-        let blur = (found.blur * found.blur - MEASURING_SIGMA * MEASURING_SIGMA).max(0.0).sqrt();
-        // The same step with less blur is steeper.
-        EdgeStatistics { blur, gradient_magnitude: found.gradient_magnitude * found.blur / blur.max(0.1) }
+        let own = found.blur * found.blur - MEASURING_SIGMA * MEASURING_SIGMA;
+        EdgeStatistics { blur: own.max(SHARPEST * SHARPEST).sqrt(), ..found }
     }))
 }

@@ -16,6 +16,12 @@ pub struct Derivatives {
     pub second_derivative: Field,
 }
 
+/// Second derivatives up to this magnitude are rounding, not data: 32 units in the last place of the largest value over
+/// L_min², which is what the differences and splines of this crate make of a ramp rounded to f32.
+///
+/// Working values are at most 1, so the threshold is relative to the data.
+pub const EDGE_FLOOR: f32 = 32.0 / (1 << 24) as f32;
+
 /// What is zero on an edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum EdgeOperator {
@@ -44,6 +50,8 @@ impl EdgeOperator {
             Self::Plus if squared > 0.0 => 0.5 * (second + (xx + yy + zz)),
             Self::Plus => second,
         };
+        // What is no more than rounding has no sign, and so no crossing. NaN stays.
+        let edge = if edge.abs() <= EDGE_FLOOR { 0.0 } else { edge };
         // A NaN in the Hessian's samples alone must mask the magnitude too: 0 · NaN is NaN.
         (squared.sqrt() + 0.0 * edge, edge)
     }

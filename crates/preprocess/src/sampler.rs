@@ -2,6 +2,10 @@
 
 use glam::{IVec3, Vec3};
 
+/// How far outside the volume, in voxels, a place still counts as on its face: a ray along a face must not be lost to the
+/// rounding of its direction.
+const GRAZE: f32 = 1e-4;
+
 /// Trilinear reconstruction of fields that share one grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler {
@@ -50,9 +54,10 @@ impl Sampler {
     #[must_use]
     pub fn place(&self, ray: &Ray, t: f32) -> Option<Place> {
         let offset = ray.direction * t;
-        if offset.cmplt(ray.low).any() || offset.cmpgt(ray.high).any() {
+        if offset.cmplt(ray.low - GRAZE).any() || offset.cmpgt(ray.high + GRAZE).any() {
             return None;
         }
+        let offset = offset.clamp(ray.low, ray.high);
         let floor = offset.floor();
         let corner = (ray.origin + floor.as_ivec3()).to_array();
         let mut fraction = (offset - floor).to_array();
