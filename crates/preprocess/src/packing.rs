@@ -31,6 +31,8 @@ pub struct Prepared<'a> {
     pub settings: Settings,
     /// What was found in the data and chosen by it.
     pub choice: Option<Choice>,
+    /// What the user should know of the result.
+    pub warning: Option<String>,
     /// The value field that was differentiated.
     pub field: WorkingField,
     /// Its derivatives, smoothed where the settings say so.

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use voxrole_pack::Scalars;
 
-use crate::automatic::choose;
+use crate::automatic::{LEAST_BLUR, choose};
+use crate::blur::edge_statistics;
 use crate::boundary::{GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
 use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
@@ -65,6 +66,7 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
         noise_share: f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE),
         range_sigma: prepared.range_sigmas,
         choice: prepared.choice,
+        warning: prepared.warning,
         counts,
         file_bytes,
     })
@@ -118,6 +120,8 @@ pub fn compute_roles<'a>(
     let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
     let roles = Roles::new(&tracer, field.dims(), progress)?;
     watch.lap("rays");
+    let warning = under_sampling(&tracer, &source, &field, &settings);
+    watch.lap("check of blur");
     let counts = Counts {
         voxels: roles.distance.len() as u64,
         masked: roles.masked,
@@ -131,7 +135,26 @@ pub fn compute_roles<'a>(
         cells: cells.cells.len() as u64,
         mixed_cells: cells.mixed_count(),
     };
-    Ok((Prepared { grid, settings, choice, field, derivatives, roles, noise, range_sigmas }, counts))
+    Ok((Prepared { grid, settings, choice, warning, field, derivatives, roles, noise, range_sigmas }, counts))
+}
+
+/// Says so where a spline is fitted to edges that are too sharp for it.
+fn under_sampling(
+    tracer: &Tracer<'_>,
+    source: &GradientSource,
+    field: &WorkingField,
+    settings: &Settings,
+) -> Option<String> {
+    let GradientSource::Spline(coefficients) = source else { return None };
+    let spline = Evaluator::new(coefficients, field.spacing);
+    let blur = f64::from(edge_statistics(tracer, &spline, field.dims())?.blur);
+    (blur < LEAST_BLUR).then(|| {
+        format!(
+            "boundaries blurred by {blur:.2} voxels are under-sampled for --derivative {}: it rings beside them and finds \
+             boundaries that are none; --method auto or fast do not",
+            settings.kernel
+        )
+    })
 }
 
 /// Standard deviation of the rounding of values to whole numbers, in working units: a uniform distribution's. 0 for

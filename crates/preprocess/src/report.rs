@@ -26,6 +26,9 @@ pub struct Report {
     /// What `--method auto` found and chose; absent where nothing was left to it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
+    /// What the user should know of the result.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
     /// Voxels and cells.
     pub counts: Counts,
     /// Length of the packed file.

@@ -34,7 +34,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     println!("{}: {x}x{y}x{z} voxels of {}", grid.name, grid.scalars.scalar_type().name());
 
     let packed = folder.join("roles.vxr");
-    let settings = Settings { keep_derivatives: true, ..Settings::new(Method::Fast) };
+    let settings = Settings { keep_derivatives: true, ..Settings::new(Method::Auto) };
     let report = prepare(&grid, &settings, &packed, &Lines)?;
     let counts = &report.counts;
     let share = 100.0 * counts.hits as f64 / counts.voxels as f64;

@@ -39,6 +39,6 @@ pub fn open_or_prepare(path: &Path, layout: Option<&RawLayout>) -> anyhow::Resul
     let packed = folder.path().join("prepared.vxr");
     let file = path.display();
     eprintln!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result");
-    prepare(&grid, &Settings::new(Method::Fast), &packed, &Silent).with_context(named)?;
+    prepare(&grid, &Settings::new(Method::Auto), &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
 }

@@ -27,6 +27,9 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
     }
     let report = pool.build().context("starting threads")?.install(|| read_and_prepare(args, &settings))?;
     summarise(&report, args);
+    if let Some(warning) = &report.warning {
+        eprintln!("voxrole: warning: {warning}");
+    }
     if let Some(path) = &args.report {
         super::write(path, &serde_json::to_vec_pretty(&report)?)?;
     }
