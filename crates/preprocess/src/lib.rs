@@ -1,6 +1,7 @@
 //! Computes voxel roles: where each voxel of a scalar volume stands relative to the nearest authentic boundary along its
 //! own gradient.
 
+pub mod accuracy;
 pub mod automatic;
 pub mod bilateral;
 pub mod blur;

@@ -35,6 +35,8 @@ pub enum Command {
     Slice(SliceArgs),
     /// Make a volume by formula, whose boundaries are known exactly.
     Phantom(PhantomArgs),
+    /// Measure how good and how fast the methods are.
+    Bench(BenchArgs),
 }
 
 /// A packed file.
@@ -222,6 +224,41 @@ pub struct PhantomArgs {
     /// List the phantoms.
     #[arg(long)]
     pub list: bool,
+}
+
+/// `bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub command: BenchCommand,
+}
+
+/// What `bench` measures.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// Distance, gradient and time of every method on phantoms with exact truth: a table (CSV) and plots (PNG and SVG).
+    Accuracy(AccuracyArgs),
+}
+
+/// `bench accuracy`.
+#[derive(Debug, Args)]
+pub struct AccuracyArgs {
+    /// Folder to write into; made if there is none. Files of former runs are replaced.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Measure a few small volumes only: seconds.
+    #[arg(long, conflicts_with = "full")]
+    pub quick: bool,
+    /// Measure every phantom with every blur, noise and type of number: hours.
+    #[arg(long)]
+    pub full: bool,
+    /// How often each method runs; the fastest run counts.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+    /// Threads to use [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
 }
 
 /// A type of number, and what stands for what in it if that is not the type's own.

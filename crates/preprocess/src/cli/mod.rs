@@ -1,6 +1,7 @@
 //! The `voxrole` program: what was typed, checked, and run.
 
 pub mod args;
+mod bench;
 mod export;
 mod histogram;
 mod info;
@@ -29,6 +30,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
         Command::Histogram(args) => histogram::run(args),
         Command::Slice(args) => slice::run(args),
         Command::Phantom(args) => phantom::run(args),
+        Command::Bench(args) => bench::run(&args.command),
     }
 }
 

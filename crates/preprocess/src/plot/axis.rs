@@ -5,7 +5,7 @@ use std::ops::Range;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use voxrole_pack::HistogramAxis;
 
-use super::numbers::{group_thousands, ticks};
+use super::numbers::{group_thousands, short_number, ticks};
 
 /// How many ticks an axis should have at most.
 const MOST_TICKS: usize = 9;
@@ -84,6 +84,30 @@ impl TickedAxis {
             .collect();
         Self { low: low.log10(), high: high.log10(), ticks }
     }
+
+    /// An axis of decimal logarithms, from that of `low` to that of `high`, with ticks at round numbers.
+    pub fn log(low: f64, high: f64) -> Self {
+        let [first, last] = [low, high].map(f64::log10);
+        let factors: &[f64] = match last - first {
+            decades if decades <= 3.0 => &[1.0, 2.0, 5.0],
+            _ => &[1.0],
+        };
+        let stride = ((last - first) / MOST_TICKS as f64).ceil().max(1.0) as usize;
+        let ticks = (first.floor() as i32..=last.ceil() as i32)
+            .step_by(stride)
+            .flat_map(|decade| factors.iter().map(move |factor| factor * 10_f64.powi(decade)))
+            .filter(|number| (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(number))
+            .map(|number| (number.log10(), round_label(number)))
+            .collect();
+        Self { low: first, high: last, ticks }
+    }
+
+    /// Puts a tick for 0 at `place`, below all others, and the axis' lower end at `low`.
+    pub fn with_zero_at(mut self, place: f64, low: f64) -> Self {
+        self.low = low;
+        self.ticks.insert(0, (place, "0".to_owned()));
+        self
+    }
 }
 
 impl Ranged for TickedAxis {
@@ -116,6 +140,11 @@ fn count_label(count: f64) -> String {
     if count < 1e6 { group_thousands(count as u64) } else { format!("{count:.0e}") }
 }
 
+/// 1, 2 or 5 times a power of ten.
+fn round_label(number: f64) -> String {
+    if (0.999e-4..1e6).contains(&number) { short_number(number) } else { format!("{number:.0e}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,6 +159,14 @@ mod tests {
         assert_eq!(labels(&TickedAxis::log_counts(1.0, 12_345_678.0))[5], "100,000");
         assert_eq!(labels(&TickedAxis::log_counts(0.5, 30.0)), ["1", "2", "5", "10", "20"]);
         assert!(TickedAxis::log_counts(1.0, u64::MAX as f64).ticks.len() <= 21);
+    }
+
+    #[test]
+    fn ticks_of_logarithms_are_round() {
+        assert_eq!(labels(&TickedAxis::log(0.0004, 0.02)), ["0.0005", "0.001", "0.002", "0.005", "0.01", "0.02"]);
+        assert_eq!(labels(&TickedAxis::log(1e-6, 2.0)).first(), Some(&"1e-6"));
+        assert_eq!(labels(&TickedAxis::log(3.0, 40.0).with_zero_at(0.0, -0.1))[..2], ["0", "5"]);
+        assert!(TickedAxis::log(1e-30, 1e30).ticks.len() <= 10);
     }
 
     #[test]

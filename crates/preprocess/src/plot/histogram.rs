@@ -1,18 +1,17 @@
 //! A histogram as a picture.
 
 use std::ops::Range;
-use std::sync::OnceLock;
 
 use image::RgbImage;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, register_font};
 use voxrole_pack::{Histogram, HistogramKind};
 
 use super::axis::{BinWindow, TickedAxis};
 use super::colour::viridis;
+use super::lettering::{AXIS_TITLE_SIZE, FAINT_INK, GRID, INK, TICK_SIZE, provide_font, style};
 use super::numbers::{group_thousands, short_number};
 use super::{HistogramLabels, Quantity, check, png_from_image, quantities, with_unit};
 use crate::{Error, Result};
@@ -28,12 +27,6 @@ const COLOUR_BAND: u32 = 770;
 /// Height of the band below the axes.
 const TICK_BAND: u32 = 64;
 
-const FONT: &str = "voxrole-plot";
-const TICK_SIZE: i32 = 15;
-const AXIS_TITLE_SIZE: i32 = 17;
-const GRID: RGBColor = RGBColor(228, 228, 228);
-const INK: RGBColor = RGBColor(32, 32, 32);
-const FAINT_INK: RGBColor = RGBColor(96, 96, 96);
 const BAR: RGBColor = RGBColor(49, 104, 142);
 const BOUNDARY: RGBColor = RGBColor(208, 32, 32);
 /// Where a bar's foot lies on the axis of counts, so that a bin of one voxel has a bar at all.
@@ -69,17 +62,6 @@ fn histogram_image(histogram: &Histogram, labels: &HistogramLabels<'_>) -> Resul
     Ok(RgbImage::from_raw(WIDTH, HEIGHT, pixels).expect("the buffer was made for this size"))
 }
 
-/// Makes the font that comes with the program known to plotters.
-fn provide_font() -> Result<()> {
-    static REGISTERED: OnceLock<bool> = OnceLock::new();
-    let register = || register_font(FONT, FontStyle::Normal, epaint_default_fonts::HACK_REGULAR).is_ok();
-    if *REGISTERED.get_or_init(register) {
-        Ok(())
-    } else {
-        Err(Error::Parameter("the font that comes with the program cannot be read".to_owned()))
-    }
-}
-
 type Drawn = std::result::Result<(), Box<dyn std::error::Error + Send + Sync>>;
 
 fn draw(root: &Area<'_>, histogram: &Histogram, labels: &HistogramLabels<'_>) -> Drawn {
@@ -90,10 +72,6 @@ fn draw(root: &Area<'_>, histogram: &Histogram, labels: &HistogramLabels<'_>) ->
     } else {
         draw_map(root, &body, histogram, labels)
     }
-}
-
-fn style(size: i32, colour: &RGBColor) -> TextStyle<'static> {
-    (FONT, size).into_font().color(colour)
 }
 
 fn draw_title(root: &Area<'_>, histogram: &Histogram, labels: &HistogramLabels<'_>) -> Drawn {

@@ -1,9 +1,13 @@
-//! Pictures and tables of histograms and slices, as bytes of a PNG or CSV file.
+//! Pictures and tables of histograms and slices, as bytes of a PNG or CSV file; charts, as PNG or SVG.
 
 mod axis;
+mod chart;
 pub mod colour;
 mod histogram;
 mod histogram_csv;
+mod label_placement;
+mod lettering;
+mod marker;
 pub mod numbers;
 mod slice;
 
@@ -13,8 +17,10 @@ use image::{ImageFormat, RgbImage};
 use voxrole_pack::{Histogram, HistogramKind};
 
 use crate::{Error, Result};
+pub use chart::{AxisScale, Chart, ChartAxis, Line, Point, Series, chart_png, chart_svg};
 pub use histogram::histogram_png;
 pub use histogram_csv::histogram_csv;
+pub use marker::SeriesStyle;
 pub use slice::{SliceAxis, SliceShading, slice_image, slice_png};
 
 /// What a histogram's plot and table say about where it comes from.
