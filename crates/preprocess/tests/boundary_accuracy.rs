@@ -6,6 +6,7 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::prepare::compute_roles;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::report::Stopwatch;
+use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Automatic, Climb, Method, Settings, Smoothing, SmoothingSettings};
 
 /// Errors of the voxels whose true distance is within two blurs.
@@ -277,6 +278,26 @@ fn auto_keeps_both_faces_of_slabs_under_noise() {
             }
             eprintln!("thickness {thickness}, noise {noise}: {faces:?}");
             assert!(faces.iter().all(|[all, kept]| kept / all >= 0.99), "{thickness} {noise}: {faces:?}");
+        }
+    }
+}
+
+#[test]
+fn every_root_finder_finds_the_same_boundaries() {
+    let grid = Phantom::Shells.generate(&PhantomSettings { dims: [48; 3], ..Default::default() }).expect("a phantom");
+    for method in [Method::Fast, Method::Accurate] {
+        let [bisection, itp, cubic] = RootFinder::ALL.map(|root_finder| {
+            let settings = Settings { root_finder, ..Settings::new(method) };
+            let (found, counts) = compute_roles(&grid, &settings, &Silent, &mut Stopwatch::new()).expect("roles");
+            (found.roles.distance, counts.samples + counts.evaluations)
+        });
+        for (name, (distance, work)) in [("itp", itp), ("cubic", cubic)] {
+            let pairs = bisection.0.iter().zip(&distance);
+            let off = pairs.clone().filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
+            let lost = pairs.filter(|(a, b)| a.is_finite() != b.is_finite()).count();
+            // Where two crossings lie within one step, either may be found.
+            assert!(off + lost <= distance.len() / 1000, "{method}, {name}: {off} differ, {lost} lost");
+            assert!(work < bisection.1, "{method}, {name}: {work} samples, bisection {}", bisection.1);
         }
     }
 }

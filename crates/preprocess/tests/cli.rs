@@ -137,12 +137,22 @@ fn exports_are_in_physical_units() {
 fn bytes_do_not_depend_on_threads_or_skipping() {
     let workplace = Workplace::new();
     workplace.succeed("phantom three-balls --dims 40,40,40 --noise 0.01 --seed 3 -o in.nrrd");
-    for (method, smooth) in [("fast", "none"), ("paper", "bilateral-derivatives"), ("fast", "gaussian-value")] {
+    for method in [
+        "fast",
+        "paper",
+        "fast --smooth gaussian-value",
+        "auto",
+        "accurate --edge plus",
+        "fast --derivative central4 --reconstruction cubic --root itp",
+        "accurate --derivative bspline3 --reconstruction quintic",
+        "accurate --derivative gaussian:1.2",
+        "fast --root cubic",
+    ] {
         let bytes = ["--threads 1", "--threads 2", "--threads 7", "--no-skip"].map(|option| {
-            workplace.succeed(&format!("prepare in.nrrd -o out.vxr --method {method} --smooth {smooth} {option}"));
+            workplace.succeed(&format!("prepare in.nrrd -o out.vxr --method {method} {option}"));
             workplace.read("out.vxr")
         });
-        assert!(bytes.iter().all(|other| *other == bytes[0]), "{method} {smooth}");
+        assert!(bytes.iter().all(|other| *other == bytes[0]), "{method}");
     }
 }
 
@@ -159,11 +169,43 @@ fn skipping_saves_work_and_says_so() {
 }
 
 #[test]
+fn what_is_chosen_and_what_is_unwise_is_said() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 48,48,48 --noise 0.02 -o noisy.nrrd");
+    let said = workplace.succeed("prepare noisy.nrrd -o noisy.vxr --report r.json");
+    let report: serde_json::Value = serde_json::from_slice(&workplace.read("r.json")).expect("is JSON");
+    let choice = &report["choice"];
+    let [noise, blur, sigma] =
+        ["noise_share", "blur", "sigma"].map(|figure| choice[figure].as_f64().expect("a number"));
+    assert!((noise / 0.02 - 1.0).abs() < 0.15 && (blur / 1.5 - 1.0).abs() < 0.15 && sigma > 0.5, "{choice}");
+    assert!(said.contains(choice["reason"].as_str().expect("a reason")), "{said}");
+    assert!(workplace.succeed("info noisy.vxr").contains("bspline5"));
+
+    workplace.succeed("phantom ball --dims 48,48,48 --blur 0.3 -o sharp.nrrd");
+    let warned = |options: &str| {
+        let output = workplace.run(&format!("prepare sharp.nrrd -o sharp.vxr {options}"));
+        assert!(output.status.success());
+        String::from_utf8_lossy(&output.stderr).contains("under-sampled")
+    };
+    assert!(warned("--method accurate") && warned("--method fast --derivative bspline3"));
+    assert!(!warned("") && !warned("--method fast"));
+    let said = workplace.succeed("prepare sharp.nrrd -o sharp.vxr");
+    assert!(said.contains("central2"), "{said}");
+}
+
+#[test]
 fn usage_errors_exit_with_2() {
     let workplace = Workplace::new();
-    for line in
-        ["", "prepare", "prepare a.nrrd", "prepare a -o b --method best", "slice a --field value --axis q", "walk"]
-    {
+    for line in [
+        "",
+        "prepare",
+        "prepare a.nrrd",
+        "prepare a -o b --method best",
+        "prepare a -o b --derivative central3",
+        "prepare a -o b --reconstruction smooth",
+        "slice a --field value --axis q",
+        "walk",
+    ] {
         assert_eq!(workplace.run(line).status.code(), Some(2), "{line}");
     }
     for line in ["--help", "--version", "prepare --help", "phantom --list"] {
@@ -277,6 +319,9 @@ fn wrong_requests_are_explained() {
         ("prepare ball.nrrd -o out.vxr --report no/such.json", "no folder"),
         ("prepare ball.nrrd -o out.vxr --radius 3", "--smooth"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
+        ("prepare ball.nrrd -o out.vxr --derivative central4 --reconstruction exact", "bspline5"),
+        ("prepare ball.nrrd -o out.vxr --method accurate --smooth bilateral-derivatives", "--reconstruction"),
+        ("prepare ball.nrrd -o out.vxr --derivative gaussian:0", "gaussian"),
         ("phantom ball --dims 0,4,4 -o out.nrrd", "dimensions"),
         ("phantom ball --dims 4,4,4 --blur 0 -o out.nrrd", "blur"),
         ("phantom slab-pair --dims 64,64,64 --thickness 0 -o out.nrrd", "thickness"),
