@@ -9,9 +9,11 @@ use crate::bspline::Evaluator;
 use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate};
 use crate::directional_derivative::EdgeOperator;
 use crate::gaussian::{gaussian, radius_of};
+use crate::noise::smoothed_noise_sigma;
 use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::reconstruction::Reconstruction;
 use crate::settings::{Method, Settings, Smoothing, SmoothingSettings};
+use crate::smoothing::sigma_on_noise;
 use crate::working_field::WorkingField;
 use crate::zero_crossing::CellDistances;
 
@@ -55,28 +57,20 @@ pub struct Choice {
 pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Result<Choice> {
     let edges = measure(field, noise)?;
     let blur = edges.map(|edges| f64::from(edges.blur));
-    let under_sampled = blur.is_some_and(|blur| blur < LEAST_BLUR);
-    let kernel = if under_sampled { Kernel::Central2 } else { Kernel::QuinticSpline };
-    if settings.automatic.kernel {
-        settings.kernel = kernel;
+    // A spline where the edges are blurred enough for it, be it by the Gaussian that noise asks for.
+    let width = |kernel: Kernel| match (&edges, settings.automatic.smoothing) {
+        (Some(edges), true) => sufficient_width(field, noise, edges, kernel),
+        _ => Ok((sigma_on_noise(&settings.smoothing).map_or(0.0, f64::from), None)),
+    };
+    let mut kernel = if settings.automatic.kernel { Kernel::QuinticSpline } else { settings.kernel };
+    let (mut sigma, mut jitter) = width(kernel)?;
+    let under_sampled = blur.is_some_and(|blur| blur.hypot(sigma) < LEAST_BLUR);
+    if under_sampled && settings.automatic.kernel {
+        kernel = Kernel::Central2;
+        (sigma, jitter) = width(kernel)?;
     }
-    let mut jitter = None;
+    settings.kernel = kernel;
     if settings.automatic.smoothing {
-        let sigma = match edges {
-            None => 0.0,
-            Some(edges) => {
-                let mut chosen = 0.0;
-                for sigma in SIGMAS {
-                    chosen = sigma;
-                    let expected = expected_jitter(field, noise, &edges, settings.kernel, sigma)?;
-                    jitter = Some(expected);
-                    if expected <= MOST_JITTER {
-                        break;
-                    }
-                }
-                chosen
-            }
-        };
         settings.smoothing = if sigma > 0.0 {
             SmoothingSettings {
                 spatial_sigma: sigma,
@@ -92,8 +86,6 @@ pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Resu
             settings.kernel.spline().is_some() && settings.smoothing.placement != Smoothing::BilateralDerivatives;
         settings.reconstruction = if exact { Reconstruction::Exact } else { Reconstruction::Linear };
     }
-    let sigma =
-        if settings.smoothing.placement == Smoothing::GaussianValue { settings.smoothing.spatial_sigma } else { 0.0 };
     Ok(Choice {
         noise_share: edges.map(|edges| f64::from(noise / edges.step)),
         blur,
@@ -105,6 +97,25 @@ pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Resu
     })
 }
 
+/// The smallest of the widths that keeps noise from moving crossings by more than [`MOST_JITTER`], or the largest, and by
+/// how much noise moves them then.
+fn sufficient_width(
+    field: &WorkingField,
+    noise: f32,
+    edges: &EdgeStatistics,
+    kernel: Kernel,
+) -> Result<(f64, Option<f64>)> {
+    let mut found = (0.0, None);
+    for sigma in SIGMAS {
+        let jitter = expected_jitter(field, noise, edges, kernel, sigma)?;
+        found = (sigma, Some(jitter));
+        if jitter <= MOST_JITTER {
+            break;
+        }
+    }
+    Ok(found)
+}
+
 fn reason(blur: Option<f64>, sigma: f64, under_sampled: bool) -> String {
     let Some(blur) = blur else {
         return "no boundary stands out from the noise, so that there is nothing to go by".into();
@@ -112,7 +123,8 @@ fn reason(blur: Option<f64>, sigma: f64, under_sampled: bool) -> String {
     let kernel = if under_sampled {
         format!("boundaries blurred by {blur:.2} voxels are under-sampled: splines would ring, differences do not")
     } else {
-        format!("boundaries blurred by {blur:.2} voxels are sampled well enough for a quintic spline")
+        let smoothed = if blur < LEAST_BLUR { ", once smoothed," } else { "" };
+        format!("boundaries blurred by {blur:.2} voxels are{smoothed} sampled well enough for a quintic spline")
     };
     let smoothing = if sigma > 0.0 {
         format!("a Gaussian of {sigma} voxels keeps the noise from moving them by more than it must")
@@ -148,6 +160,7 @@ fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
     let GradientSource::Spline(coefficients) = &source else { unreachable!("the kernel is a spline") };
     let cells = CellDistances::new(&derivatives.second_derivative);
     let settings = Settings { d_max: 4.0, ..Settings::new(Method::Fast) };
+    let noise = noise.max(smoothed_noise_sigma(&smooth, &[MEASURING_SIGMA]));
     let gradient_noise = GradientNoise::new(kernel, &[MEASURING_SIGMA], field.spacing, field.dims(), noise)?;
     let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
     let gradient = Gradient::new(&smooth, &source);

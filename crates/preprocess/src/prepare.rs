@@ -8,9 +8,9 @@ use crate::automatic::{LEAST_BLUR, choose};
 use crate::blur::edge_statistics;
 use crate::boundary::{GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
+use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate, spline_through};
 use crate::directional_derivative::Derivatives;
-use crate::noise::noise_sigma;
+use crate::noise::{noise_sigma, smoothed_noise_sigma};
 use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::packing::Prepared;
 use crate::progress::Progress;
@@ -113,7 +113,11 @@ pub fn compute_roles<'a>(
     watch.lap("reconstruction");
     progress.step();
 
-    let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, field.spacing, field.dims(), noise)?;
+    let kernel_sigma = if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None };
+    let smoothed: Vec<f32> = sigmas.iter().copied().chain(kernel_sigma).collect();
+    // What noise is left is seen best where it is left.
+    let left = if smoothed.is_empty() { noise } else { noise.max(smoothed_noise_sigma(&field, &smoothed)) };
+    let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, field.spacing, field.dims(), left)?;
     let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
     let smooth = splines.smooth(&field, &source, &settings);
     let gradient = Gradient::new(&field, &source);

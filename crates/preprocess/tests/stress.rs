@@ -9,8 +9,8 @@ use voxrole_preprocess::report::Stopwatch;
 use voxrole_preprocess::roles::Roles;
 use voxrole_preprocess::settings::{Method, Settings};
 
-/// Farther than this from a boundary, three blurs and a little, the gradient of a noiseless phantom comes near the floor.
-const SURE: f32 = 5.0;
+/// Farther than this from a boundary, three blurs, the gradient of a noiseless phantom comes near the floor.
+const SURE: f32 = 4.5;
 
 const METHODS: [Method; 4] = [Method::Paper, Method::Fast, Method::Accurate, Method::Auto];
 
