@@ -366,6 +366,25 @@ fn phantoms_of_every_kind() {
 }
 
 #[test]
+fn the_accuracy_bench_writes_a_table_and_plots() {
+    let workplace = Workplace::new();
+    let tables = workplace.succeed("bench accuracy --quick --repeats 1 -o results");
+    assert!(tables.contains("ball, 32³, blur 1.5, noise 1 %, f32"), "{tables}");
+    assert!(tables.lines().any(|line| line.starts_with("* ")), "members of the front are marked");
+    let table = String::from_utf8(workplace.read("results/accuracy.csv")).expect("text");
+    assert_eq!(table.lines().count(), 1 + 3 * 26);
+    assert!(table.lines().any(|line| line.starts_with("slab-pair,32,1.5,3,0,f32,auto,")), "{table}");
+    for name in ["pareto", "pareto-noise", "noise-rms", "noise-wrong"] {
+        assert!(workplace.read(&format!("results/{name}.png")).starts_with(b"\x89PNG"));
+        assert!(workplace.read(&format!("results/{name}.svg")).starts_with(b"<svg"));
+    }
+    workplace.write("taken", b"a file");
+    assert!(workplace.fail("bench accuracy --quick -o taken").contains("in the way"));
+    assert!(workplace.fail("bench accuracy --quick -o no/such").contains("no folder no"));
+    assert_eq!(workplace.run("bench accuracy --quick --full -o other").status.code(), Some(2));
+}
+
+#[test]
 fn all_bad_voxels_are_refused_and_some_are_masked() {
     let workplace = Workplace::new();
     let raw = |numbers: &[f32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();

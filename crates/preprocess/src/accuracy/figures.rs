@@ -4,6 +4,9 @@ use super::{Expected, Truth};
 
 /// A hit off by more than this is at another place than the boundary, in multiples of L_min.
 const WRONG: f64 = 0.5;
+/// A boundary that smoothing has shifted by no more than this is still the same one, in multiples of L_min: the faces of the
+/// thinnest layer are farther apart.
+const SHIFTED: f64 = 1.0;
 /// The share of hits that the high percentile leaves above it.
 const PERCENTILE: f64 = 0.99;
 
@@ -50,10 +53,13 @@ pub struct Figures {
     pub around: Found,
     /// Root mean square error to the true surface of the hits within two blurs.
     pub surface_rms: Option<f64>,
-    /// The smallest share, over the scene's boundaries, of near voxels with a hit that is not wrong.
+    /// The smallest share, over the scene's boundaries, of near voxels with a hit within one voxel of the crossing: what is
+    /// left of the weakest of them, be it shifted.
     pub weakest_boundary: Option<f64>,
     /// Share of voxels with a hit though no ray of theirs reaches a true surface.
     pub false_share: Option<f64>,
+    /// The same beside the volume's border.
+    pub border_false_share: Option<f64>,
     /// As [`Found::rms`] of the near voxels, against the roles that the same settings give without noise and rounding:
     /// the smoothed field's own crossing. Absent for cases without either, and where no settings give them.
     pub own_rms: Option<f64>,
@@ -64,14 +70,16 @@ impl Figures {
     #[must_use]
     pub fn new(truth: &Truth, roles: &Roles<'_>) -> Self {
         let to_surface = truth.near.iter().filter_map(|expected| Some(roles.hit(expected.voxel)? - expected.surface?));
-        let false_hits = truth.empty.iter().filter(|&&voxel| roles.hit(voxel).is_some()).count();
+        let false_share =
+            |empty: &[usize]| share(empty.iter().filter(|&&voxel| roles.hit(voxel).is_some()).count(), empty.len());
         Self {
             near: Found::new(&truth.near, roles),
             border: Found::new(&truth.border, roles),
             around: Found::new(&truth.around, roles),
             surface_rms: root_mean_square(to_surface),
             weakest_boundary: weakest_boundary(&truth.near, roles),
-            false_share: share(false_hits, truth.empty.len()),
+            false_share: false_share(&truth.empty),
+            border_false_share: false_share(&truth.border_empty),
             own_rms: None,
         }
     }
@@ -124,11 +132,11 @@ fn weakest_boundary(near: &[Expected], roles: &Roles<'_>) -> Option<f64> {
     let count = near.iter().filter_map(|expected| expected.boundary).max()? + 1;
     let mut counts = vec![[0_usize; 2]; count];
     for (expected, boundary) in near.iter().filter_map(|expected| Some((expected, expected.boundary?))) {
-        let right = roles.hit(expected.voxel).is_some_and(|distance| (distance - expected.crossing).abs() <= WRONG);
-        counts[boundary][0] += usize::from(right);
+        let kept = roles.hit(expected.voxel).is_some_and(|distance| (distance - expected.crossing).abs() <= SHIFTED);
+        counts[boundary][0] += usize::from(kept);
         counts[boundary][1] += 1;
     }
-    counts.into_iter().filter_map(|[right, all]| share(right, all)).min_by(f64::total_cmp)
+    counts.into_iter().filter_map(|[kept, all]| share(kept, all)).min_by(f64::total_cmp)
 }
 
 fn share(part: usize, whole: usize) -> Option<f64> {

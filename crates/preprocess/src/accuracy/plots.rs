@@ -177,7 +177,7 @@ fn thickness_chart(rows: &[Row], noise: f64) -> Option<Chart> {
             base.edge, base.blur
         ),
         x: axis("thickness of the slabs [voxel]", AxisScale::Linear),
-        y: axis("voxels with a right hit on the weakest face [%]", AxisScale::Linear),
+        y: axis("weakest face: voxels with a hit within a voxel of it [%]", AxisScale::Linear),
         series: curves(rows, &AGAINST_NOISE, belongs, place)?,
     })
 }

@@ -41,7 +41,7 @@ pub fn suite(extent: Extent) -> Vec<Case> {
 fn quick() -> Vec<Case> {
     let ball = Case::base(Phantom::Ball, QUICK_EDGE);
     let slabs = Case { thickness: 3.0, ..Case::base(Phantom::SlabPair, QUICK_EDGE) };
-    vec![ball, Case { blur: 1.0, ..ball }, Case { noise: 0.01, ..ball }, slabs]
+    vec![ball, Case { noise: 0.01, ..ball }, slabs]
 }
 
 fn standard() -> Vec<Case> {

@@ -10,7 +10,7 @@ use crate::plot::numbers::short_number;
 type Column = (&'static str, fn(&Row) -> String);
 
 /// Lengths are in voxels (multiples of the smallest spacing), shares and rates from 0 to 1, gradient errors relative.
-const COLUMNS: [Column; 33] = [
+const COLUMNS: [Column; 34] = [
     ("phantom", |row| row.case.phantom.name().to_owned()),
     ("edge [voxel]", |row| row.case.edge.to_string()),
     ("blur [voxel]", |row| row.case.blur.to_string()),
@@ -38,6 +38,7 @@ const COLUMNS: [Column; 33] = [
     ("border_distance_max [voxel]", |row| number(row.figures.border.max)),
     ("border_wrong_share", |row| number(row.figures.border.wrong_share)),
     ("border_gradient_bias", |row| number(row.figures.border.gradient_bias)),
+    ("border_false_share", |row| number(row.figures.border_false_share)),
     ("around_voxels", |row| row.figures.around.voxels.to_string()),
     ("around_hit_rate", |row| number(row.figures.around.hit_rate)),
     ("around_distance_rms [voxel]", |row| number(row.figures.around.rms)),

@@ -32,7 +32,7 @@ pub struct Expected {
 }
 
 /// The exact roles of a case's voxels. Voxels whose gradient leads to no crossing within the volume are in none of these
-/// lists but the last.
+/// lists but the empty ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Voxels within two blurs of the true surface; of a scene without one, of their crossing.
@@ -41,8 +41,10 @@ pub struct Truth {
     pub border: Vec<Expected>,
     /// A sample of the voxels from two to four blurs.
     pub around: Vec<Expected>,
-    /// Voxels farther than d_max and two blurs from every true surface: no ray of theirs can reach one.
+    /// Voxels farther than d_max and two blurs from every true surface, at which no ray of theirs can arrive.
     pub empty: Vec<usize>,
+    /// The same, less than four voxels from the volume's border, where noise is continued and smooths less well.
+    pub border_empty: Vec<usize>,
     /// Stored numbers per unit of the scene's value.
     pub stored_per_value: f64,
 }
@@ -85,7 +87,10 @@ impl Measures<'_> {
                 None => near.push(voxel),
                 Some(distance) if distance <= NEAR * blur => near.push(voxel),
                 Some(distance) if distance <= AROUND * blur => around.push(voxel),
-                Some(distance) if distance > TRUTH_REACH + NEAR * blur => truth.empty.push(voxel),
+                Some(distance) if distance > TRUTH_REACH + NEAR * blur => {
+                    let inside = self.margin(self.point(voxel)) >= MARGIN;
+                    (if inside { &mut truth.empty } else { &mut truth.border_empty }).push(voxel);
+                }
                 Some(_) => {}
             }
         }
@@ -167,7 +172,7 @@ mod tests {
         assert!(truth.near.iter().all(|expected| apart(expected) < 1e-6 && expected.boundary == Some(0)));
         let steepest = (2.0 * std::f64::consts::PI).sqrt().recip();
         assert!(truth.near.iter().all(|expected| (expected.gradient_magnitude - steepest).abs() < 1e-9));
-        assert!(!truth.empty.is_empty() && truth.border.is_empty());
+        assert!(!truth.border_empty.is_empty() && truth.border.is_empty());
     }
 
     #[test]

@@ -25,7 +25,6 @@ fn accuracy(args: &AccuracyArgs) -> anyhow::Result<()> {
         pool = pool.num_threads(threads.into());
     }
     let rows = pool.build().context("starting threads")?.install(|| measure_all(args))?;
-    super::write(&args.output.join("accuracy.csv"), csv(&rows).as_bytes())?;
     for drawing in drawings(&rows) {
         let named = || format!("drawing {}", drawing.name);
         let path = |extension: &str| args.output.join(drawing.name).with_extension(extension);
@@ -50,6 +49,8 @@ fn measure_all(args: &AccuracyArgs) -> anyhow::Result<Vec<Row>> {
         eprintln!("voxrole: {} of {}: {case}: {seconds:.1} s", index + 1, cases.len());
         super::print(&(text_table(case, &measured) + "\n"))?;
         rows.extend(measured);
+        // After every case, so that an interrupted run leaves what it has measured.
+        super::write(&args.output.join("accuracy.csv"), csv(&rows).as_bytes())?;
     }
     Ok(rows)
 }

@@ -89,7 +89,7 @@ impl TickedAxis {
     pub fn log(low: f64, high: f64) -> Self {
         let [first, last] = [low, high].map(f64::log10);
         let factors: &[f64] = match last - first {
-            decades if decades <= 3.0 => &[1.0, 2.0, 5.0],
+            decades if decades <= 4.0 => &[1.0, 2.0, 5.0],
             _ => &[1.0],
         };
         let stride = ((last - first) / MOST_TICKS as f64).ceil().max(1.0) as usize;

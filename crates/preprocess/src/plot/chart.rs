@@ -314,7 +314,9 @@ where
         for series in self.chart.series.iter().filter(|series| !series.name.is_empty()) {
             self.draw_line(vec![(x + 4, y), (x + LEGEND_SAMPLE - 8, y)], series)?;
             if series.line != Line::Bare {
-                draw_marker(self.root, (x + LEGEND_SAMPLE / 2 - 2, y), series.style, MARKER_RADIUS, false)?;
+                // Filled and hollow points of one series stand for the same thing in two states.
+                let hollow = series.points.iter().all(|point| point.hollow) && series.line != Line::None;
+                draw_marker(self.root, (x + LEGEND_SAMPLE / 2 - 2, y), series.style, MARKER_RADIUS, hollow)?;
             }
             let style = style(TICK_SIZE, &INK).pos(Pos::new(HPos::Left, VPos::Center));
             self.root.draw_text(&series.name, &style, (x + LEGEND_SAMPLE, y))?;
