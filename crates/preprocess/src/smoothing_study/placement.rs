@@ -6,8 +6,18 @@ use crate::reconstruction::Reconstruction;
 use crate::settings::{self, Automatic, Settings, Smoothing, SmoothingSettings};
 
 /// The placements by name, in the order of [`placements()`].
-pub const PLACEMENTS: [&str; 6] =
-    ["none", "bilateral-derivatives", "bilateral-value", "gaussian-value 1", "gaussian-value 1.5", "auto"];
+pub const PLACEMENTS: [&str; 7] = [
+    "none",
+    "bilateral-derivatives",
+    "bilateral-value",
+    "bilateral-value wide",
+    "gaussian-value 1",
+    "gaussian-value 1.5",
+    "auto",
+];
+
+/// Range σ of the wide bilateral filter as a share of the value's range; the default is three times the noise.
+const WIDE: f64 = 0.4;
 
 /// The kernels by name: the differences of `fast`, and the quintic spline of `accurate`.
 pub const KERNELS: [&str; 2] = ["central2", "bspline5"];
@@ -45,6 +55,10 @@ fn smoothing(placement: &str) -> (SmoothingSettings, String) {
     match placement {
         "bilateral-derivatives" => of(Smoothing::BilateralDerivatives),
         "bilateral-value" => of(Smoothing::BilateralValue),
+        "bilateral-value wide" => {
+            let (settings, options) = of(Smoothing::BilateralValue);
+            (SmoothingSettings { range_sigma: Some(WIDE), ..settings }, format!("{options} --range-sigma {WIDE}"))
+        }
         "gaussian-value 1" => {
             let (settings, options) = of(Smoothing::GaussianValue);
             (SmoothingSettings { spatial_sigma: 1.0, ..settings }, options + " --spatial-sigma 1")
@@ -63,7 +77,7 @@ mod tests {
     #[test]
     fn placements_differ_and_can_be_run() {
         let methods = placements();
-        assert_eq!(methods.len(), 12);
+        assert_eq!(methods.len(), 14);
         for (index, method) in methods.iter().enumerate() {
             assert!(method.settings.validate().is_ok(), "{}", method.name);
             assert!(methods[..index].iter().all(|other| other.settings != method.settings), "{} twice", method.name);

@@ -8,10 +8,11 @@ use crate::phantom::Phantom;
 use crate::plot::{AxisScale, Chart, ChartAxis, Line, Point, Series, SeriesStyle};
 
 /// How each of [`PLACEMENTS`] looks.
-const STYLES: [SeriesStyle; 6] = [
+const STYLES: [SeriesStyle; 7] = [
     SeriesStyle::nth(0),
     SeriesStyle::nth(3),
     SeriesStyle::nth(2),
+    SeriesStyle { colour: 2, shape: 4 },
     SeriesStyle::nth(6),
     SeriesStyle::nth(1),
     SeriesStyle::nth(4),
@@ -21,6 +22,10 @@ const CANNY: [(f64, SeriesStyle); 2] = [(1.0, SeriesStyle::nth(7)), (1.5, Series
 
 /// A figure with the number of whatever it was counted over.
 type Weighted = Option<[f64; 2]>;
+/// Such a figure and its place along x.
+type Found = (f64, [f64; 2]);
+/// What is drawn of a measurement, if anything.
+type Pick<'a, Measured> = &'a dyn Fn(&Measured) -> Option<Found>;
 
 /// A figure of a measurement that can be pooled over a group's scenes.
 struct Quantity {
@@ -104,7 +109,7 @@ fn noise_chart(
     let noise = |case: &Case| (Group::of(case) == Some(group)).then_some(100.0 * case.noise);
     let ours = |row: &StudyRow| Some((noise(&row.row.case)?, (quantity.of)(row)?));
     let theirs = |row: &CannyRow| Some((noise(&row.case)?, (quantity.of_canny)(row)?));
-    let pool = |found: Vec<(f64, [f64; 2])>| pooled(found, quantity);
+    let pool = |found: Vec<Found>| pooled(found, quantity);
     let beside = match quantity.name {
         _ if canny.is_empty() => "",
         "rms" => "; Canny: edge voxels within two blurs",
@@ -125,7 +130,7 @@ fn thickness_chart(rows: &[StudyRow], canny: &[CannyRow], kernel: &str, noise: f
     let thickness = |case: &Case| (is_slab(case) && case.noise == noise).then_some(case.thickness);
     let ours = |row: &StudyRow| Some((thickness(&row.row.case)?, [100.0 * row.faces_kept?, 1.0]));
     let theirs = |row: &CannyRow| Some((thickness(&row.case)?, [100.0 * row.faces_kept?, 1.0]));
-    let places = |found: Vec<(f64, [f64; 2])>| found.into_iter().map(|(x, [y, _])| [x, y]).collect();
+    let places = |found: Vec<Found>| found.into_iter().map(|(x, [y, _])| [x, y]).collect();
     Some(Chart {
         title: "Thin layers: what is left of the worst face".into(),
         subtitle: format!("slab-pair, blur 1, noise {} % of the step; {kernel}", 100.0 * noise),
@@ -140,9 +145,9 @@ fn all_series(
     rows: &[StudyRow],
     canny: &[CannyRow],
     kernel: &str,
-    ours: &dyn Fn(&StudyRow) -> Option<(f64, [f64; 2])>,
-    theirs: &dyn Fn(&CannyRow) -> Option<(f64, [f64; 2])>,
-    gather: &dyn Fn(Vec<(f64, [f64; 2])>) -> Vec<[f64; 2]>,
+    ours: Pick<'_, StudyRow>,
+    theirs: Pick<'_, CannyRow>,
+    gather: &dyn Fn(Vec<Found>) -> Vec<[f64; 2]>,
 ) -> Option<Vec<Series>> {
     let series = |name: String, places: Vec<[f64; 2]>, line: Line, style: SeriesStyle| {
         let hollow = line == Line::Dashed;
@@ -172,8 +177,8 @@ fn all_series(
 }
 
 /// One place for each x: the weighted mean, or root mean square, of all that was found there.
-fn pooled(found: Vec<(f64, [f64; 2])>, quantity: &Quantity) -> Vec<[f64; 2]> {
-    let mut sums: Vec<(f64, [f64; 2])> = Vec::new();
+fn pooled(found: Vec<Found>, quantity: &Quantity) -> Vec<[f64; 2]> {
+    let mut sums: Vec<Found> = Vec::new();
     for (x, [figure, weight]) in found {
         let term = weight * if quantity.squared { figure * figure } else { figure };
         match sums.iter_mut().find(|(known, _)| *known == x) {
@@ -189,11 +194,16 @@ fn pooled(found: Vec<(f64, [f64; 2])>, quantity: &Quantity) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::{Figures, Found, Row};
+    use crate::accuracy::{self, Figures, Row};
 
     fn row(case: Case, method: &str, rms: f64, voxels: usize) -> StudyRow {
-        let near =
-            Found { voxels, hit_rate: Some(1.0), rms: Some(rms), wrong_share: Some(rms / 10.0), ..Found::default() };
+        let near = accuracy::Found {
+            voxels,
+            hit_rate: Some(1.0),
+            rms: Some(rms),
+            wrong_share: Some(rms / 10.0),
+            ..Default::default()
+        };
         let figures = Figures { near, ..Figures::default() };
         let row = Row { case, method: method.into(), chosen: String::new(), seconds_per_voxel: 1e-7, figures };
         StudyRow { row, faces_kept: Some(0.5) }
