@@ -38,3 +38,11 @@ peers-teem REAL_DATA:
 real-data REAL_DATA OUT:
     cargo build --release --bins
     tests/real_data.sh target/release {{REAL_DATA}} {{OUT}}
+
+# ITK's Canny (SimpleITK from PyPI; numpy and pynrrd) on the phantoms of the smoothing study, then the study beside it, into
+# a folder.
+peers-canny OUT:
+    cargo build --release --bin voxrole
+    mkdir -p {{OUT}}
+    python3 tests/peers/canny.py target/release/voxrole {{OUT}}/canny.csv
+    target/release/voxrole bench smoothing -o {{OUT}} --canny {{OUT}}/canny.csv

@@ -36,6 +36,7 @@ pub mod sampler;
 pub mod separable_derivative;
 pub mod settings;
 pub mod smoothing;
+pub mod smoothing_study;
 pub mod stencil;
 pub mod working_field;
 pub mod zero_crossing;

@@ -385,6 +385,16 @@ fn the_accuracy_bench_writes_a_table_and_plots() {
 }
 
 #[test]
+fn the_smoothing_study_says_what_is_wrong_before_it_measures() {
+    let workplace = Workplace::new();
+    assert!(workplace.fail("bench smoothing --quick -o out --canny none.csv").contains("none.csv"));
+    workplace.write("canny.csv", b"phantom,sigma\nball,1\n");
+    let message = workplace.fail("bench smoothing --quick -o out --canny canny.csv");
+    assert!(message.contains("canny.csv") && message.contains("line 2"), "{message}");
+    assert!(!workplace.path("out").exists());
+}
+
+#[test]
 fn all_bad_voxels_are_refused_and_some_are_masked() {
     let workplace = Workplace::new();
     let raw = |numbers: &[f32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();

@@ -64,13 +64,13 @@ pub fn measure(case: &Case, methods: &[Method], repeats: usize) -> Result<Vec<Ro
     Ok(rows)
 }
 
-fn timed<'a>(grid: &'a Grid, settings: &Settings) -> Result<(Prepared<'a>, f64)> {
+pub(crate) fn timed<'a>(grid: &'a Grid, settings: &Settings) -> Result<(Prepared<'a>, f64)> {
     let mut watch = Stopwatch::new();
     let (prepared, _) = compute_roles(grid, settings, &Silent, &mut watch)?;
     Ok((prepared, watch.total()))
 }
 
-fn roles_of<'a>(prepared: &'a Prepared<'_>) -> Roles<'a> {
+pub(crate) fn roles_of<'a>(prepared: &'a Prepared<'_>) -> Roles<'a> {
     Roles {
         distance: &prepared.roles.distance,
         hit_gradient: &prepared.roles.hit_gradient,
@@ -81,7 +81,7 @@ fn roles_of<'a>(prepared: &'a Prepared<'_>) -> Roles<'a> {
 /// The settings that give, on the scene without noise and rounding, the crossing of the field as it was smoothed.
 ///
 /// None for filtered derivatives: each of the two has a range σ of its own, taken from the noise that is gone.
-fn own(prepared: &Prepared<'_>, clean: &Grid, truth: &Truth) -> Option<Settings> {
+pub(crate) fn own(prepared: &Prepared<'_>, clean: &Grid, truth: &Truth) -> Option<Settings> {
     let mut settings = Settings { automatic: Automatic::default(), ..prepared.settings };
     match settings.smoothing.placement {
         Smoothing::BilateralDerivatives => return None,
@@ -97,7 +97,7 @@ fn own(prepared: &Prepared<'_>, clean: &Grid, truth: &Truth) -> Option<Settings>
     Some(settings)
 }
 
-fn chosen(settings: &Settings) -> String {
+pub(crate) fn chosen(settings: &Settings) -> String {
     let smoothing = match settings.smoothing.placement {
         Smoothing::None => "none".to_owned(),
         placement => format!("{placement} {}", settings.smoothing.spatial_sigma),

@@ -14,6 +14,7 @@ mod table;
 mod truth;
 
 pub use bench::{Row, measure};
+pub(crate) use bench::{chosen, own, roles_of, timed};
 pub use case::{Case, Dtype};
 pub use figures::{Figures, Found};
 pub use method::{Method, methods};

@@ -38,7 +38,7 @@ const AGAINST_NOISE: [(&str, Line, SeriesStyle); 10] = [
 #[derive(Clone, Debug)]
 pub struct Drawing {
     /// The name.
-    pub name: &'static str,
+    pub name: String,
     /// What is drawn.
     pub chart: Chart,
 }
@@ -46,18 +46,22 @@ pub struct Drawing {
 /// All drawings for which `rows` hold the cases.
 #[must_use]
 pub fn drawings(rows: &[Row]) -> Vec<Drawing> {
-    let pareto = |name, noise| pareto_chart(rows, noise).map(|chart| Drawing { name, chart });
-    let slabs = |name, noise| thickness_chart(rows, noise).map(|chart| Drawing { name, chart });
+    let named = |name: &str| {
+        let name = name.to_owned();
+        |chart| Drawing { name, chart }
+    };
+    let pareto = |name, noise| pareto_chart(rows, noise).map(named(name));
+    let slabs = |name, noise| thickness_chart(rows, noise).map(named(name));
     let all = [
         pareto("pareto", 0.0),
         pareto("pareto-noise", NOISE),
-        blur_chart(rows).map(|chart| Drawing { name: "blur", chart }),
+        blur_chart(rows).map(named("blur")),
         noise_chart(rows, "rms error of the distance [voxel]", AxisScale::Log, |row| row.figures.near.rms)
-            .map(|chart| Drawing { name: "noise-rms", chart }),
+            .map(named("noise-rms")),
         noise_chart(rows, "hits off by more than half a voxel [%]", AxisScale::LogOrZero, |row| {
             row.figures.near.wrong_share.map(|share| 100.0 * share)
         })
-        .map(|chart| Drawing { name: "noise-wrong", chart }),
+        .map(named("noise-wrong")),
         slabs("slabs", 0.0),
         slabs("slabs-noise", NOISE),
     ];
@@ -205,10 +209,10 @@ mod tests {
     fn a_drawing_for_whatever_was_measured() {
         let ball = Case::base(Phantom::Ball, 32);
         let slabs = Case::base(Phantom::SlabPair, 32);
-        let names = |cases: &[Case]| -> Vec<&str> {
+        let names = |cases: &[Case]| -> Vec<String> {
             let rows: Vec<Row> =
                 cases.iter().flat_map(|&case| ["fast", "auto"].map(|method| row(case, method))).collect();
-            drawings(&rows).iter().map(|drawing| drawing.name).collect()
+            drawings(&rows).into_iter().map(|drawing| drawing.name).collect()
         };
         assert_eq!(names(&[ball]), ["pareto"]);
         let noisy = Case { noise: NOISE, ..ball };

@@ -239,6 +239,9 @@ pub struct BenchArgs {
 pub enum BenchCommand {
     /// Distance, gradient and time of every method on phantoms with exact truth: a table (CSV) and plots (PNG and SVG).
     Accuracy(AccuracyArgs),
+    /// What smoothing does to the boundaries found under noise, thin layers included: a table (CSV) and plots (PNG and
+    /// SVG).
+    Smoothing(SmoothingArgs),
 }
 
 /// `bench accuracy`.
@@ -256,6 +259,26 @@ pub struct AccuracyArgs {
     /// How often each method runs; the fastest run counts.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub repeats: u16,
+    /// Threads to use [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
+
+/// `bench smoothing`.
+#[derive(Debug, Args)]
+pub struct SmoothingArgs {
+    /// Folder to write into; made if there is none. Files of former runs are replaced.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Measure a few small volumes only: seconds.
+    #[arg(long)]
+    pub quick: bool,
+    /// How often each method runs; the fastest run counts.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+    /// Table of tests/peers/canny.py, whose figures are drawn beside the others.
+    #[arg(long, value_name = "FILE.csv")]
+    pub canny: Option<PathBuf>,
     /// Threads to use [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,

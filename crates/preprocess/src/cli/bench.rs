@@ -5,33 +5,75 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use rayon::ThreadPoolBuilder;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use voxrole_pack::atomic_file;
-use voxrole_preprocess::accuracy::{Extent, Row, csv, drawings, measure, methods, suite, text_table};
+use voxrole_preprocess::accuracy::{Drawing, Extent, Row, csv, drawings, measure, methods, suite, text_table};
 use voxrole_preprocess::plot::{chart_png, chart_svg};
+use voxrole_preprocess::smoothing_study::{
+    Study, StudyRow, parse_canny, placements, scenes, study_csv, study_drawings, study_table,
+};
 
-use super::args::{AccuracyArgs, BenchCommand};
+use super::args::{AccuracyArgs, BenchCommand, SmoothingArgs};
 
 pub fn run(command: &BenchCommand) -> anyhow::Result<()> {
     match command {
         BenchCommand::Accuracy(args) => accuracy(args),
+        BenchCommand::Smoothing(args) => smoothing(args),
     }
 }
 
 fn accuracy(args: &AccuracyArgs) -> anyhow::Result<()> {
-    prepare_folder(&args.output)?;
-    let mut pool = ThreadPoolBuilder::new();
-    if let Some(threads) = args.threads {
-        pool = pool.num_threads(threads.into());
-    }
-    let rows = pool.build().context("starting threads")?.install(|| measure_all(args))?;
-    for drawing in drawings(&rows) {
-        let named = || format!("drawing {}", drawing.name);
-        let path = |extension: &str| args.output.join(drawing.name).with_extension(extension);
-        super::write(&path("png"), &chart_png(&drawing.chart).with_context(named)?)?;
-        super::write(&path("svg"), chart_svg(&drawing.chart).with_context(named)?.as_bytes())?;
+    prepare_folder(&args.output, "accuracy.csv")?;
+    let rows = pool(args.threads)?.install(|| measure_all(args))?;
+    draw(&args.output, drawings(&rows))
+}
+
+fn smoothing(args: &SmoothingArgs) -> anyhow::Result<()> {
+    let canny = match &args.canny {
+        None => Vec::new(),
+        Some(path) => {
+            let named = || path.display().to_string();
+            let text = fs::read_to_string(path).with_context(|| format!("reading {}", named()))?;
+            parse_canny(&text).with_context(named)?
+        }
+    };
+    prepare_folder(&args.output, "smoothing.csv")?;
+    let rows = pool(args.threads)?.install(|| measure_smoothing(args))?;
+    super::write(&args.output.join("smoothing.csv"), study_csv(&rows).as_bytes())?;
+    draw(&args.output, study_drawings(&rows, &canny))
+}
+
+fn pool(threads: Option<u16>) -> anyhow::Result<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads.map_or(0, usize::from));
+    pool.build().context("starting threads")
+}
+
+fn draw(folder: &Path, drawings: Vec<Drawing>) -> anyhow::Result<()> {
+    for Drawing { name, chart } in drawings {
+        let named = || format!("drawing {name}");
+        let path = |extension: &str| folder.join(&name).with_extension(extension);
+        super::write(&path("png"), &chart_png(&chart).with_context(named)?)?;
+        super::write(&path("svg"), chart_svg(&chart).with_context(named)?.as_bytes())?;
     }
     Ok(())
+}
+
+fn measure_smoothing(args: &SmoothingArgs) -> anyhow::Result<Vec<StudyRow>> {
+    let (scenes, placements) = (scenes(args.quick), placements());
+    let mut rows = Vec::new();
+    for (index, scene) in scenes.iter().enumerate() {
+        let start = Instant::now();
+        let named = || format!("measuring {}", scene.case);
+        let mut study = Study::new(&scene.case).with_context(named)?;
+        for &noise in &scene.noises {
+            let measured = study.measure(noise, &placements, args.repeats.into()).with_context(named)?;
+            super::print(&(study_table(&measured) + "\n"))?;
+            rows.extend(measured);
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        eprintln!("voxrole: {} of {}: {}: {seconds:.1} s", index + 1, scenes.len(), scene.case);
+    }
+    Ok(rows)
 }
 
 fn measure_all(args: &AccuracyArgs) -> anyhow::Result<Vec<Row>> {
@@ -56,7 +98,7 @@ fn measure_all(args: &AccuracyArgs) -> anyhow::Result<Vec<Row>> {
 }
 
 /// Makes the folder, and checks before any work is done that files can be written into it.
-fn prepare_folder(folder: &Path) -> anyhow::Result<()> {
+fn prepare_folder(folder: &Path, table: &str) -> anyhow::Result<()> {
     let named = || folder.display().to_string();
     if folder.exists() {
         ensure!(folder.is_dir(), "{}: a file is in the way of the folder to write into", named());
@@ -68,5 +110,5 @@ fn prepare_folder(folder: &Path) -> anyhow::Result<()> {
             _ => return Err(error).with_context(|| format!("making the folder {}", named())),
         }
     }
-    atomic_file::check_output(&folder.join("accuracy.csv"), &[]).with_context(named)
+    atomic_file::check_output(&folder.join(table), &[]).with_context(named)
 }
