@@ -4,7 +4,7 @@ use glam::{IVec3, Vec3};
 
 /// How far outside the volume, in voxels, a place still counts as on its face: a ray along a face must not be lost to the
 /// rounding of its direction.
-const GRAZE: f32 = 1e-4;
+pub const GRAZE: f32 = 1e-4;
 
 /// Trilinear reconstruction of fields that share one grid.
 #[derive(Clone, Copy, Debug)]

@@ -7,6 +7,7 @@ use voxrole_pack::{GridGeometry, Scalars};
 use super::*;
 use crate::Grid;
 use crate::directional_derivative::{EdgeOperator, Stencils, derivatives};
+use crate::sampler::GRAZE;
 use crate::settings::Method;
 use crate::working_field::dims_of;
 
@@ -163,10 +164,11 @@ fn naive(scene: &Scene, settings: &Settings, voxel: [usize; 3]) -> Option<f32> {
             let mut weight = 1.0;
             let mut index = [0; 3];
             for axis in 0..3 {
-                let position = voxel[axis] as f32 + offset[axis];
-                if position < 0.0 || position > (dims[axis] - 1) as f32 {
+                let (position, last) = (voxel[axis] as f32 + offset[axis], (dims[axis] - 1) as f32);
+                if position < -GRAZE || position > last + GRAZE {
                     return None;
                 }
+                let position = position.clamp(0.0, last);
                 let floor = position.floor().min((dims[axis].max(2) - 2) as f32);
                 let upper = corner >> axis & 1;
                 weight *= if upper == 1 { position - floor } else { 1.0 - (position - floor) };
