@@ -12,13 +12,13 @@ const STYLES: [SeriesStyle; 7] = [
     SeriesStyle::nth(0),
     SeriesStyle::nth(3),
     SeriesStyle::nth(2),
-    SeriesStyle { colour: 2, shape: 4 },
+    SeriesStyle::nth(5),
     SeriesStyle::nth(6),
     SeriesStyle::nth(1),
     SeriesStyle::nth(4),
 ];
 /// Canny's two Gaussians, and how they look.
-const CANNY: [(f64, SeriesStyle); 2] = [(1.0, SeriesStyle::nth(7)), (1.5, SeriesStyle::nth(5))];
+const CANNY: [(f64, SeriesStyle); 2] = [(1.0, SeriesStyle::nth(7)), (1.5, SeriesStyle { colour: 7, shape: 1 })];
 
 /// A figure with the number of whatever it was counted over.
 type Weighted = Option<[f64; 2]>;
@@ -116,11 +116,14 @@ fn noise_chart(
         "wrong" => "; Canny: edge voxels off by more than a voxel",
         _ => "",
     };
+    // At the junction even the best is off by tenths of a voxel: no decades to span.
+    let scale =
+        if group == Group::Junction && quantity.scale == AxisScale::Log { AxisScale::Linear } else { quantity.scale };
     Some(Chart {
         title: format!("Smoothing under noise: {}", group.name()),
         subtitle: format!("{}; {kernel}{beside}", group.description()),
         x: ChartAxis { title: "noise, share of the step [%]".into(), scale: AxisScale::Linear },
-        y: ChartAxis { title: quantity.title.into(), scale: quantity.scale },
+        y: ChartAxis { title: quantity.title.into(), scale },
         series: all_series(rows, canny, kernel, &ours, &theirs, &pool)?,
     })
 }
