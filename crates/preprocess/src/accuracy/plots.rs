@@ -51,7 +51,6 @@ pub fn drawings(rows: &[Row]) -> Vec<Drawing> {
         |chart| Drawing { name, chart }
     };
     let pareto = |name, noise| pareto_chart(rows, noise).map(named(name));
-    let slabs = |name, noise| thickness_chart(rows, noise).map(named(name));
     let all = [
         pareto("pareto", 0.0),
         pareto("pareto-noise", NOISE),
@@ -62,8 +61,8 @@ pub fn drawings(rows: &[Row]) -> Vec<Drawing> {
             row.figures.near.wrong_share.map(|share| 100.0 * share)
         })
         .map(named("noise-wrong")),
-        slabs("slabs", 0.0),
-        slabs("slabs-noise", NOISE),
+        slab_error_chart(rows).map(named("slabs")),
+        slab_face_chart(rows).map(named("slabs-noise")),
     ];
     all.into_iter().flatten().collect()
 }
@@ -169,21 +168,44 @@ fn noise_chart(rows: &[Row], title: &str, scale: AxisScale, figure: impl Fn(&Row
     })
 }
 
-fn thickness_chart(rows: &[Row], noise: f64) -> Option<Chart> {
-    let base = Case { noise, ..base(rows, Phantom::SlabPair)? };
-    let belongs = |case: &Case| case.differs_in_thickness_alone(&base);
-    let place = |row: &Row| [row.case.thickness, row.figures.weakest_boundary.map_or(f64::NAN, |rate| 100.0 * rate)];
-    let noise = if noise > 0.0 { format!("noise {} %", 100.0 * noise) } else { "no noise".into() };
+/// Without noise every rule but the literal one keeps every face: what differs is where.
+fn slab_error_chart(rows: &[Row]) -> Option<Chart> {
+    let place = |row: &Row| [row.case.thickness, row.figures.near.rms.unwrap_or(f64::NAN)];
+    let (base, series) = slab_curves(rows, &AGAINST_BLUR, 0.0, place)?;
     Some(Chart {
-        title: "Thin layers: what is left of the weaker face".into(),
+        title: "Thin layers: accuracy against thickness".into(),
+        subtitle: format!("slab-pair, {}³, blur {}, no noise, f32", base.edge, base.blur),
+        x: axis("thickness of the slabs [voxel]", AxisScale::Linear),
+        y: axis("rms error of the distance [voxel]", AxisScale::Log),
+        series,
+    })
+}
+
+fn slab_face_chart(rows: &[Row]) -> Option<Chart> {
+    let place = |row: &Row| [row.case.thickness, row.figures.weakest_boundary.map_or(f64::NAN, |rate| 100.0 * rate)];
+    let (base, series) = slab_curves(rows, &AGAINST_NOISE, NOISE, place)?;
+    Some(Chart {
+        title: "Thin layers: what noise leaves of the weakest face".into(),
         subtitle: format!(
-            "slab-pair, {}³, blur {}, {noise}, f32; hollow, dashed: central differences",
-            base.edge, base.blur
+            "slab-pair, {}³, blur {}, noise {} %, f32; hollow and dashed: central differences",
+            base.edge,
+            base.blur,
+            100.0 * NOISE
         ),
         x: axis("thickness of the slabs [voxel]", AxisScale::Linear),
         y: axis("weakest face: voxels with a hit within a voxel of it [%]", AxisScale::Linear),
-        series: curves(rows, &AGAINST_NOISE, belongs, place)?,
+        series,
     })
+}
+
+fn slab_curves(
+    rows: &[Row],
+    methods: &[(&str, Line, SeriesStyle)],
+    noise: f64,
+    place: impl Fn(&Row) -> [f64; 2],
+) -> Option<(Case, Vec<Series>)> {
+    let base = Case { noise, ..base(rows, Phantom::SlabPair)? };
+    Some((base, curves(rows, methods, |case| case.differs_in_thickness_alone(&base), place)?))
 }
 
 #[cfg(test)]
@@ -218,7 +240,10 @@ mod tests {
         let noisy = Case { noise: NOISE, ..ball };
         assert_eq!(names(&[ball, noisy]), ["pareto", "pareto-noise", "noise-rms", "noise-wrong"]);
         assert_eq!(names(&[ball, Case { blur: 1.0, ..ball }]), ["pareto", "blur"]);
-        assert_eq!(names(&[slabs, Case { thickness: 2.0, ..slabs }]), ["slabs"]);
+        let thinner = Case { thickness: 2.0, ..slabs };
+        assert_eq!(names(&[slabs, thinner]), ["slabs"]);
+        let noisy = [slabs, thinner].map(|slabs| Case { noise: NOISE, ..slabs });
+        assert_eq!(names(&[slabs, noisy[0], noisy[1]]), ["slabs-noise"]);
         assert!(names(&[Case::base(Phantom::Torus, 32)]).is_empty());
     }
 }

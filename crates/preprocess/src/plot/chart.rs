@@ -299,7 +299,7 @@ where
         for ((_, label), place) in named.iter().zip(&places) {
             let end = nearest_point(*place, label.point);
             let apart = (end.0 - label.point.0).abs().max((end.1 - label.point.1).abs());
-            if apart > 2 * MARKER_RADIUS {
+            if apart > MARKER_RADIUS + 3 {
                 self.root.draw(&PathElement::new(vec![label.point, end], RGBColor(170, 170, 170).stroke_width(1)))?;
             }
         }
