@@ -33,7 +33,7 @@ def main():
         folder = Path(folder)
         for name, path in VOLUMES.items():
             packed, value = folder / f"{name}.vxr", folder / f"{name}.nrrd"
-            run(voxrole, "prepare", data / path, "-o", packed, "--smooth", "none", "--keep", "derivatives")
+            run(voxrole, "prepare", data / path, "-o", packed, "--method", "fast", "--keep", "derivatives")
             run(voxrole, "export", packed, "--field", "value", "-o", value)
             for field, quantity in QUANTITIES.items():
                 ours, theirs = folder / "ours.nrrd", folder / "theirs.nrrd"
