@@ -99,7 +99,7 @@ pub fn compute_roles<'a>(
         Some(choice)
     };
     let smoothing = &settings.smoothing;
-    smooth_value(&mut field, noise, smoothing, &mut range_sigmas);
+    smooth_value(&mut field, smoothing, &mut range_sigmas);
     watch.lap("value smoothing");
     let sigmas: Vec<f32> = sigma_on_noise(smoothing).into_iter().collect();
     let gain = NoiseGain::new(settings.kernel, &sigmas, field.spacing)?;

@@ -51,7 +51,8 @@ pub struct SmoothingSettings {
     pub placement: Smoothing,
     /// σd in multiples of L_min.
     pub spatial_sigma: f64,
-    /// σr as a share of the filtered field's range, or `None` to take it from the estimated noise.
+    /// σr as a share of the filtered field's range, or `None` for the placement's own: 0.4 for the value, three times
+    /// their estimated noise for derivatives.
     pub range_sigma: Option<f64>,
     /// Neighbours on each side along each axis, in voxels.
     pub radius: usize,

@@ -77,7 +77,8 @@ pub struct PrepareArgs {
     /// Spatial σ of the smoothing in multiples of the smallest spacing [default: 1, Gaussian 1.5].
     #[arg(long, value_name = "F")]
     pub spatial_sigma: Option<f64>,
-    /// Range σ of a bilateral filter as a share of the filtered field's range [default: three times the estimated noise].
+    /// Range σ of a bilateral filter as a share of the filtered field's range [default: 0.4 for the value, three
+    /// times their estimated noise for derivatives].
     #[arg(long, value_name = "F")]
     pub range_sigma: Option<f64>,
     /// Neighbours on each side that a filter looks at, in voxels [default: 2, Gaussian 5].

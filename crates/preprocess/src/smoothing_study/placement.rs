@@ -10,14 +10,14 @@ pub const PLACEMENTS: [&str; 7] = [
     "none",
     "bilateral-derivatives",
     "bilateral-value",
-    "bilateral-value wide",
+    "bilateral-value narrow",
     "gaussian-value 1",
     "gaussian-value 1.5",
     "auto",
 ];
 
-/// Range σ of the wide bilateral filter as a share of the value's range; the default is three times the noise.
-const WIDE: f64 = 0.4;
+/// Range σ of the narrow bilateral filter as a share of the value's range; the default is four times that.
+const NARROW: f64 = 0.1;
 
 /// The kernels by name: the differences of `fast`, and the quintic spline of `accurate`.
 pub const KERNELS: [&str; 2] = ["central2", "bspline5"];
@@ -55,9 +55,9 @@ fn smoothing(placement: &str) -> (SmoothingSettings, String) {
     match placement {
         "bilateral-derivatives" => of(Smoothing::BilateralDerivatives),
         "bilateral-value" => of(Smoothing::BilateralValue),
-        "bilateral-value wide" => {
+        "bilateral-value narrow" => {
             let (settings, options) = of(Smoothing::BilateralValue);
-            (SmoothingSettings { range_sigma: Some(WIDE), ..settings }, format!("{options} --range-sigma {WIDE}"))
+            (SmoothingSettings { range_sigma: Some(NARROW), ..settings }, format!("{options} --range-sigma {NARROW}"))
         }
         "gaussian-value 1" => {
             let (settings, options) = of(Smoothing::GaussianValue);
