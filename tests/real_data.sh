@@ -18,8 +18,8 @@ volume() {
   local name=$1 sha256=$2 axis=$3 index=$4 input=$5
   shift 5
   local file=$out/$name.vxr
-  "$bin/voxrole" prepare "$data/$input" "$@" --method fast --keep derivatives --report "$out/$name.json" -o "$out/$name-full.vxr" >/dev/null 2>&1
-  "$bin/voxrole" prepare "$data/$input" "$@" --method fast --report "$out/$name.json" -o "$file" >/dev/null 2>&1
+  "$bin/voxrole" prepare "$data/$input" "$@" --keep derivatives --report "$out/$name.json" -o "$out/$name-full.vxr" >/dev/null 2>&1
+  "$bin/voxrole" prepare "$data/$input" "$@" --report "$out/$name.json" -o "$file" >/dev/null 2>&1
   "$bin/voxrole" verify "$file" >/dev/null
   "$bin/voxrole" info "$file" --json > "$out/$name-info.json"
   for kind in v-g v-f2 v-hit hit-hit distance; do
