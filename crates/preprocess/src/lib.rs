@@ -35,6 +35,7 @@ pub mod root_finder;
 pub mod sampler;
 pub mod separable_derivative;
 pub mod settings;
+pub mod simd;
 pub mod smoothing;
 pub mod smoothing_study;
 pub mod stencil;

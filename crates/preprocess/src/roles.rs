@@ -1,5 +1,6 @@
 //! The role of every voxel of a volume.
 
+use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
@@ -7,6 +8,7 @@ use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
 use crate::Result;
 use crate::boundary::{Role, Tracer, Work};
 use crate::progress::Progress;
+use crate::simd;
 
 /// Roles of all voxels, x fastest, in working units.
 #[derive(Clone, Debug)]
@@ -62,23 +64,8 @@ impl Roles {
             .zip(roles.normal.par_chunks_mut(slice))
             .enumerate()
             .map(|(k, (((distance, hit_gradient), hit_value), normal))| {
-                let mut totals = Totals::default();
-                for voxel in 0..slice {
-                    match tracer.role([voxel % nx, voxel / nx, k], &mut totals.work) {
-                        Role::Masked => {
-                            distance[voxel] = MASKED;
-                            totals.masked += 1;
-                        }
-                        Role::Miss => {}
-                        Role::Hit(hit) => {
-                            distance[voxel] = hit.distance;
-                            hit_gradient[voxel] = hit.gradient_magnitude;
-                            hit_value[voxel] = hit.value;
-                            normal[voxel] = encode_normal(hit.normal);
-                            totals.hits += 1;
-                        }
-                    }
-                }
+                let mut slice = Slice { distance, hit_gradient, hit_value, normal };
+                let totals = dispatch!(simd::level(), simd => trace_slice(simd, tracer, nx, k, &mut slice));
                 progress.step();
                 totals
             })
@@ -92,6 +79,37 @@ impl Roles {
     pub fn misses(&self) -> u64 {
         self.distance.len() as u64 - self.hits - self.masked
     }
+}
+
+/// One slice of every layer.
+struct Slice<'a> {
+    distance: &'a mut [f32],
+    hit_gradient: &'a mut [f32],
+    hit_value: &'a mut [f32],
+    normal: &'a mut [u16],
+}
+
+/// Traces the voxels of slice `k`, whose rows have `nx` voxels.
+#[inline(always)]
+fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, nx: usize, k: usize, slice: &mut Slice<'_>) -> Totals {
+    let mut totals = Totals::default();
+    for voxel in 0..slice.distance.len() {
+        match tracer.role([voxel % nx, voxel / nx, k], &mut totals.work) {
+            Role::Masked => {
+                slice.distance[voxel] = MASKED;
+                totals.masked += 1;
+            }
+            Role::Miss => {}
+            Role::Hit(hit) => {
+                slice.distance[voxel] = hit.distance;
+                slice.hit_gradient[voxel] = hit.gradient_magnitude;
+                slice.hit_value[voxel] = hit.value;
+                slice.normal[voxel] = encode_normal(hit.normal);
+                totals.hits += 1;
+            }
+        }
+    }
+    totals
 }
 
 #[derive(Clone, Copy, Default)]

@@ -36,6 +36,7 @@ impl RootFinder {
 /// The place between `inside` and `outside` where `holds` ends, to within `|outside − inside| / 2^(HALVINGS + 1)`.
 ///
 /// Requires `holds(inside)` and `!holds(outside)`; neither is evaluated again.
+#[inline(always)]
 pub fn bisect(mut inside: f32, mut outside: f32, mut holds: impl FnMut(f32) -> bool) -> f32 {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (inside + outside);

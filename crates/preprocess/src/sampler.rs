@@ -78,18 +78,43 @@ impl Sampler {
     #[inline(always)]
     #[must_use]
     pub fn trilinear(&self, field: &[f32], place: &Place) -> f32 {
+        self.corners(field, place.cell).interpolate(place.fraction)
+    }
+
+    /// The samples of `field` at the corners of a cell.
+    #[inline(always)]
+    #[must_use]
+    pub fn corners(&self, field: &[f32], [i, j, k]: [usize; 3]) -> Corners {
         let [nx, ny, nz] = self.dims;
-        let [i, j, k] = place.cell;
         let x = usize::from(nx > 1);
         let y = if ny > 1 { nx } else { 0 };
         let z = if nz > 1 { nx * ny } else { 0 };
-        let base = (k * ny + j) * nx + i;
-        let Vec3 { x: fx, y: fy, z: fz } = place.fraction;
-        let (gx, gy, gz) = (1.0 - fx, 1.0 - fy, 1.0 - fz);
-        let row = |start: usize| field[start] * gx + field[start + x] * fx;
-        let slice = |start: usize| row(start) * gy + row(start + y) * fy;
-        slice(base) * gz + slice(base + z) * fz
+        let low = (k * ny + j) * nx + i;
+        let high = low + z;
+        Corners([
+            [[field[low], field[low + x]], [field[low + y], field[low + y + x]]],
+            [[field[high], field[high + x]], [field[high + y], field[high + y + x]]],
+        ])
     }
+}
+
+/// What a field has at the corners of a cell, indexed (z, y, x).
+#[derive(Clone, Copy, Debug)]
+pub struct Corners([[[f32; 2]; 2]; 2]);
+
+impl Corners {
+    /// Trilinear value, see [`Sampler::trilinear`].
+    #[inline(always)]
+    #[must_use]
+    pub fn interpolate(&self, Vec3 { x, y, z }: Vec3) -> f32 {
+        let [[[a, b], [c, d]], [[e, f], [g, h]]] = self.0;
+        between(between(between(a, b, x), between(c, d, x), y), between(between(e, f, x), between(g, h, x), y), z)
+    }
+}
+
+#[inline(always)]
+fn between(low: f32, high: f32, share: f32) -> f32 {
+    low * (1.0 - share) + high * share
 }
 
 impl Ray {

@@ -12,7 +12,7 @@ use crate::directional_derivative::Derivatives;
 use crate::noise_gain::GradientNoise;
 use crate::reconstruction::Smooth;
 use crate::root_finder::{RootFinder, bisect, first_fall_of_cubic, itp};
-use crate::sampler::{Ray, Sampler};
+use crate::sampler::{Corners, Ray, Sampler};
 use crate::settings::{Climb, Settings};
 use crate::working_field::{WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
@@ -82,9 +82,9 @@ pub struct Work {
     pub skipped: u64,
     /// Voxels for which at least one sample was taken.
     pub traced: u64,
-    /// Trilinear samples taken along rays, the refinement of crossings included.
+    /// Samples of f'' taken step by step along rays.
     pub samples: u64,
-    /// Evaluations of a smooth reconstruction.
+    /// Evaluations that pin crossings down: of trilinear f'', and of a smooth reconstruction.
     pub evaluations: u64,
 }
 
@@ -161,6 +161,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The role of one voxel.
+    #[inline(always)]
     pub fn role(&self, voxel: [usize; 3], work: &mut Work) -> Role {
         let index = (voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0];
         let second = self.second_derivative[index];
@@ -183,7 +184,10 @@ impl<'a> Tracer<'a> {
             Climb::Release => self.release(up, down, second, work),
         };
         *(if work.samples > before { &mut work.traced } else { &mut work.skipped }) += 1;
-        crossing.and_then(|t| self.hit(&up.ray, t, normal, work)).map_or(Role::Miss, Role::Hit)
+        match crossing {
+            Some(t) => self.hit(&up.ray, t, normal, work).map_or(Role::Miss, Role::Hit),
+            None => Role::Miss,
+        }
     }
 
     /// Only a rise of g along the other ray stops a ray.
@@ -191,6 +195,7 @@ impl<'a> Tracer<'a> {
     /// Departs from the paper's wording, which stops a ray whose own samples of g fall: trilinear interpolation of a
     /// concave g lies below the grid's values, so near the maximum both rays seem to fall at once, and a fifth of the
     /// boundary's voxels would be lost. Which ray rises is read off f'' at the voxel itself, the derivative of g along n.
+    #[inline(always)]
     fn release(&self, up: SignedRay, down: SignedRay, second: f32, work: &mut Work) -> Option<f32> {
         if second > 0.0 {
             return self.climb_from(up, 0, work);
@@ -230,6 +235,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
+    #[inline(always)]
     fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Option<f32> {
         let cells_per_step = signed.ray.fastest() * self.step;
         let mut k = start + 1;
@@ -266,24 +272,20 @@ impl<'a> Tracer<'a> {
     /// Refines a crossing seen between samples `start`, where q is positive, and `k`, where it is negative. If q is 0 in
     /// between, the crossing is the middle of that plateau. `None` when a masked voxel lies in between: then what
     /// changes the sign is unknown.
+    #[inline(always)]
     fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> Option<f32> {
-        let mut known = true;
-        let mut rise = |t: f32| {
-            let q = self.rise(signed, t, work).unwrap_or(f32::NAN);
-            known &= !q.is_nan();
-            q
-        };
+        let mut probe = Probe { tracer: self, signed, cell: None, known: true, work };
         let mut last_positive = k - 1;
-        while last_positive > start && rise(self.t(last_positive)) <= 0.0 {
+        while last_positive > start && probe.rise(self.t(last_positive)) <= 0.0 {
             last_positive -= 1;
         }
-        let begin = self.fall([self.t(last_positive), self.t(last_positive + 1)], &signed.ray, &mut rise);
+        let begin = self.fall([self.t(last_positive), self.t(last_positive + 1)], &mut probe);
         let crossing = if last_positive + 1 == k {
             begin
         } else {
-            0.5 * (begin + bisect(self.t(k - 1), self.t(k), |t| rise(t) >= 0.0))
+            0.5 * (begin + bisect(self.t(k - 1), self.t(k), |t| probe.rise(t) >= 0.0))
         };
-        known.then_some(crossing)
+        probe.known.then_some(crossing)
     }
 
     /// The paper's rule as printed: both rays go on step by step; one whose g has fallen is stopped, and the other goes on
@@ -342,20 +344,26 @@ impl<'a> Tracer<'a> {
     }
 
     /// Where trilinear q falls through 0 between two places.
-    fn fall(&self, [from, to]: [f32; 2], ray: &Ray, rise: &mut impl FnMut(f32) -> f32) -> f32 {
+    #[inline(always)]
+    fn fall(&self, [from, to]: [f32; 2], probe: &mut Probe<'_, 'a>) -> f32 {
         if self.smooth.is_some() {
             // To be refined on another reconstruction: a secant leads near enough.
-            let (above, below) = (rise(from), rise(to));
+            let (above, below) = (probe.rise(from), probe.rise(to));
             return from + (to - from) * (above / (above - below)).clamp(0.0, 1.0);
         }
         match self.root_finder {
-            RootFinder::Bisection => bisect(from, to, |t| rise(t) > 0.0),
-            RootFinder::Itp => itp([from, to], [rise(from), rise(to)], rise),
+            RootFinder::Bisection => bisect(
+                from,
+                to,
+                #[inline(always)]
+                |t| probe.rise(t) > 0.0,
+            ),
+            RootFinder::Itp => itp([from, to], [probe.rise(from), probe.rise(to)], |t| probe.rise(t)),
             RootFinder::Cubic => {
                 let mut start = from;
-                for end in ray.planes_between(from, to).into_iter().chain([to]) {
+                for end in probe.signed.ray.planes_between(from, to).into_iter().chain([to]) {
                     let at = |share: f32| start + share * (end - start);
-                    let values = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(|share| rise(at(share)));
+                    let values = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(|share| probe.rise(at(share)));
                     if let Some(share) = first_fall_of_cubic(values) {
                         return at(share);
                     }
@@ -366,6 +374,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    #[inline(always)]
     fn hit(&self, up: &Ray, crossing: f32, normal: Vec3, work: &mut Work) -> Option<BoundaryHit> {
         let (t, place, gradient_magnitude, value) = match &self.smooth {
             None => {
@@ -393,25 +402,36 @@ impl<'a> Tracer<'a> {
 
     /// The crossing of a smooth reconstruction near a trilinear one. `None` where it has none near, or the ray leaves the
     /// volume there.
+    #[inline(always)]
     fn refined(&self, smooth: &Smooth<'_>, up: &Ray, crossing: f32, work: &mut Work) -> Option<f32> {
-        let mut edge = |t: f32| -> Option<f32> {
-            let place = self.sampler.place(up, t)?;
-            work.evaluations += 1;
-            Some(smooth.edge(&place))
-        };
         // Upwards f'' falls from + to − at an authentic edge.
         for window in WINDOWS {
             let ends = [crossing - window, crossing + window];
-            let [below, above] = [edge(ends[0])?, edge(ends[1])?];
+            let below = self.edge(smooth, up, ends[0], work)?;
+            let above = self.edge(smooth, up, ends[1], work)?;
             if below > 0.0 && above <= 0.0 {
-                let mut edge = |t: f32| edge(t).unwrap_or(f32::NAN);
                 return Some(match self.root_finder {
-                    RootFinder::Bisection => bisect(ends[0], ends[1], |t| edge(t) > 0.0),
-                    RootFinder::Itp | RootFinder::Cubic => itp(ends, [below, above], edge),
+                    RootFinder::Bisection => bisect(
+                        ends[0],
+                        ends[1],
+                        #[inline(always)]
+                        |t| self.edge(smooth, up, t, work).is_some_and(|edge| edge > 0.0),
+                    ),
+                    RootFinder::Itp | RootFinder::Cubic => {
+                        itp(ends, [below, above], |t| self.edge(smooth, up, t, work).unwrap_or(f32::NAN))
+                    }
                 });
             }
         }
         None
+    }
+
+    /// The edge operator of a smooth reconstruction, or `None` outside the volume.
+    #[inline(always)]
+    fn edge(&self, smooth: &Smooth<'_>, up: &Ray, t: f32, work: &mut Work) -> Option<f32> {
+        let place = self.sampler.place(up, t)?;
+        work.evaluations += 1;
+        Some(smooth.edge(&place))
     }
 
     fn t(&self, k: u32) -> f32 {
@@ -423,6 +443,37 @@ impl<'a> Tracer<'a> {
         let place = self.sampler.place(&signed.ray, t)?;
         work.samples += 1;
         Some(signed.sign * self.sampler.trilinear(self.second_derivative, &place))
+    }
+}
+
+/// Evaluates q within a bracket, most of which lies in one cell.
+struct Probe<'t, 'a> {
+    tracer: &'t Tracer<'a>,
+    signed: SignedRay,
+    /// The cell of the last evaluation.
+    cell: Option<([usize; 3], Corners)>,
+    /// No evaluation was masked.
+    known: bool,
+    work: &'t mut Work,
+}
+
+impl Probe<'_, '_> {
+    /// q(t), NaN where it is masked.
+    #[inline(always)]
+    fn rise(&mut self, t: f32) -> f32 {
+        self.work.evaluations += 1;
+        let Some(place) = self.tracer.sampler.place(&self.signed.ray, t) else {
+            self.known = false;
+            return f32::NAN;
+        };
+        let corners = match self.cell {
+            Some((cell, corners)) if cell == place.cell => corners,
+            _ => self.tracer.sampler.corners(self.tracer.second_derivative, place.cell),
+        };
+        self.cell = Some((place.cell, corners));
+        let q = self.signed.sign * corners.interpolate(place.fraction);
+        self.known &= !q.is_nan();
+        q
     }
 }
 

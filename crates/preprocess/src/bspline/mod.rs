@@ -3,6 +3,7 @@
 //! Source: Unser, Aldroubi and Eden, *B-spline signal processing*, IEEE Trans. Signal Processing 41(2), 1993; Unser,
 //! *Splines: a perfect fit for signal and image processing*, IEEE Signal Processing Magazine 16(6), 1999.
 
+mod basis;
 pub mod coefficients;
 pub mod evaluation;
 mod prefilter;
