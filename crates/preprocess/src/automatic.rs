@@ -12,12 +12,12 @@ use crate::gaussian::{gaussian, radius_of};
 use crate::noise::smoothed_noise_sigma;
 use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::reconstruction::Reconstruction;
-use crate::settings::{Method, Settings, Smoothing, SmoothingSettings};
+use crate::settings::{Automatic, Method, Settings, Smoothing, SmoothingSettings};
 use crate::smoothing::sigma_on_noise;
 use crate::working_field::WorkingField;
 use crate::zero_crossing::CellDistances;
 
-/// Edges sharper than this, in multiples of L_min, are under-sampled: a spline rings beside them, and its second
+/// Edges sharper than this, in samples of the axis that they face, are under-sampled: a spline rings beside them, and its second
 /// derivative has crossings of its own.
 pub const LEAST_BLUR: f64 = 0.8;
 /// How far noise may move a crossing, as a standard deviation in multiples of L_min.
@@ -64,11 +64,15 @@ pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Resu
     };
     let mut kernel = if settings.automatic.kernel { Kernel::QuinticSpline } else { settings.kernel };
     let (mut sigma, mut jitter) = width(kernel)?;
-    let under_sampled = blur.is_some_and(|blur| blur.hypot(sigma) < LEAST_BLUR);
-    if under_sampled && settings.automatic.kernel {
+    let samples = edges.map(|edges| edges.samples_across(field.spacing, sigma));
+    if samples.is_some_and(|samples| samples < LEAST_BLUR) && settings.automatic.kernel {
         kernel = Kernel::Central2;
         (sigma, jitter) = width(kernel)?;
     }
+    let reason = samples.map_or_else(
+        || "no boundary stands out from the noise, so that there is nothing to go by".into(),
+        |samples| reason(samples, sigma, settings.automatic),
+    );
     settings.kernel = kernel;
     if settings.automatic.smoothing {
         settings.smoothing = if sigma > 0.0 {
@@ -93,7 +97,7 @@ pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Resu
         jitter,
         kernel: settings.kernel.to_string(),
         reconstruction: settings.reconstruction.name(),
-        reason: reason(blur, sigma, under_sampled),
+        reason,
     })
 }
 
@@ -116,20 +120,22 @@ fn sufficient_width(
     Ok(found)
 }
 
-fn reason(blur: Option<f64>, sigma: f64, under_sampled: bool) -> String {
-    let Some(blur) = blur else {
-        return "no boundary stands out from the noise, so that there is nothing to go by".into();
+/// Why, for what was left to the data; `samples` is the blur of the worst sampled edges after smoothing.
+fn reason(samples: f64, sigma: f64, automatic: Automatic) -> String {
+    let once = if sigma > 0.0 { " once smoothed" } else { "" };
+    let kernel = match (automatic.kernel, samples < LEAST_BLUR) {
+        (false, _) => format!("boundaries are blurred by {samples:.2} samples{once}; the kernel was given"),
+        (true, true) => format!(
+            "boundaries blurred by {samples:.2} samples{once} are under-sampled: splines would ring, differences do not"
+        ),
+        (true, false) => {
+            format!("boundaries blurred by {samples:.2} samples{once} are sampled well enough for a quintic spline")
+        }
     };
-    let kernel = if under_sampled {
-        format!("boundaries blurred by {blur:.2} voxels are under-sampled: splines would ring, differences do not")
-    } else {
-        let smoothed = if blur < LEAST_BLUR { ", once smoothed," } else { "" };
-        format!("boundaries blurred by {blur:.2} voxels are{smoothed} sampled well enough for a quintic spline")
-    };
-    let smoothing = if sigma > 0.0 {
-        format!("a Gaussian of {sigma} voxels keeps the noise from moving them by more than it must")
-    } else {
-        "the noise is too low to move them".into()
+    let smoothing = match (automatic.smoothing, sigma > 0.0) {
+        (false, _) => "smoothing was given".into(),
+        (true, true) => format!("a Gaussian of {sigma} voxels keeps the noise from moving them by more than it must"),
+        (true, false) => "the noise is too low to move them".into(),
     };
     format!("{kernel}; {smoothing}")
 }
@@ -167,8 +173,10 @@ fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
     let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, &floor, &settings);
     let spline = Evaluator::new(coefficients, field.spacing);
     let found = edge_statistics(&tracer, &spline, field.dims());
-    Ok(found.map(|found| {
-        let own = found.blur * found.blur - MEASURING_SIGMA * MEASURING_SIGMA;
-        EdgeStatistics { blur: own.max(SHARPEST * SHARPEST).sqrt(), ..found }
+    let own = |blur: f32| (blur * blur - MEASURING_SIGMA * MEASURING_SIGMA).max(SHARPEST * SHARPEST).sqrt();
+    Ok(found.map(|found| EdgeStatistics {
+        blur: own(found.blur),
+        blur_facing: found.blur_facing.map(|blur| blur.map(own)),
+        ..found
     }))
 }

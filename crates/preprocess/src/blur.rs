@@ -15,14 +15,42 @@ const LEAST_STRENGTH: f32 = 0.25;
 const STRONG: f32 = 0.95;
 /// Fewer edges than this say nothing.
 const LEAST_EDGES: usize = 50;
+/// Edges that face an axis count where they are at least this share of all.
+const LEAST_SHARE: f32 = 0.1;
+
+/// One edge.
+#[derive(Clone, Copy)]
+struct Edge {
+    gradient_magnitude: f32,
+    /// In multiples of L_min.
+    blur: f32,
+    /// The axis along which the fewest samples lie across it.
+    axis: usize,
+}
 
 /// Edges as they were found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeStatistics {
     /// Median standard deviation of the Gaussian that blurs them, in multiples of L_min.
     pub blur: f32,
+    /// The same of those edges alone that face each axis, where there are enough of them.
+    pub blur_facing: [Option<f32>; 3],
     /// Median step across them, in working units: that of a Gaussian's profile with the gradient magnitude found.
     pub step: f32,
+}
+
+impl EdgeStatistics {
+    /// The blur in samples of whichever axis samples its edges worst, after a further Gaussian of `sigma` in multiples of
+    /// L_min.
+    #[must_use]
+    pub fn samples_across(&self, spacing: [f32; 3], sigma: f64) -> f64 {
+        let samples = |blur: f32, spacing: f32| f64::from(blur).hypot(sigma) / f64::from(spacing);
+        let facing = self.blur_facing.into_iter().zip(spacing);
+        facing
+            .filter_map(|(blur, spacing)| Some(samples(blur?, spacing)))
+            .reduce(f64::min)
+            .unwrap_or_else(|| samples(self.blur, 1.0))
+    }
 }
 
 /// The blur of the stronger edges of a volume, or `None` where there are hardly any.
@@ -48,22 +76,38 @@ pub fn edge_statistics(tracer: &Tracer<'_>, spline: &Evaluator<'_>, dims: [usize
         let g = |t: f32| Some(spline.jet(&sampler.place(&ray, t)?).gradient.length());
         let [before, on, after] = [-1.0, 0.0, 1.0].map(|offset| g(offset - hit.distance));
         let curvature = 2.0 * on?.ln() - before?.ln() - after?.ln();
-        (curvature > 0.0).then(|| [on.unwrap_or(0.0), curvature.sqrt().recip()])
+        let across = hit.normal.abs() / spline.per_length();
+        (curvature > 0.0).then(|| Edge {
+            gradient_magnitude: on.unwrap_or(0.0),
+            blur: curvature.sqrt().recip(),
+            axis: across.max_position(),
+        })
     };
     let slices: Vec<usize> = along(nz).collect();
-    let mut edges: Vec<[f32; 2]> = slices
+    let mut edges: Vec<Edge> = slices
         .into_par_iter()
         .flat_map_iter(|k| along(ny).flat_map(move |j| along(nx).map(move |i| [i, j, k])).filter_map(edge))
         .collect();
     if edges.len() < LEAST_EDGES {
         return None;
     }
-    edges.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let strong = edges[(STRONG * (edges.len() - 1) as f32) as usize][0];
-    edges.retain(|[g, _]| *g >= LEAST_STRENGTH * strong);
-    let middle = edges.len() / 2;
-    let mut steps: Vec<f32> = edges.iter().map(|[g, blur]| g * blur * std::f32::consts::TAU.sqrt()).collect();
-    let (_, &mut step, _) = steps.select_nth_unstable_by(middle, f32::total_cmp);
-    let (_, &mut [_, blur], _) = edges.select_nth_unstable_by(middle, |a, b| a[1].total_cmp(&b[1]));
-    Some(EdgeStatistics { blur, step })
+    edges.sort_by(|a, b| a.gradient_magnitude.total_cmp(&b.gradient_magnitude));
+    let strong = edges[(STRONG * (edges.len() - 1) as f32) as usize].gradient_magnitude;
+    edges.retain(|edge| edge.gradient_magnitude >= LEAST_STRENGTH * strong);
+    let least = ((LEAST_SHARE * edges.len() as f32) as usize).max(LEAST_EDGES);
+    let blur_facing = [0, 1, 2].map(|axis| {
+        let facing: Vec<f32> = edges.iter().filter(|edge| edge.axis == axis).map(|edge| edge.blur).collect();
+        (facing.len() >= least).then(|| median(facing))
+    });
+    let steps = edges.iter().map(|edge| edge.gradient_magnitude * edge.blur * std::f32::consts::TAU.sqrt()).collect();
+    Some(EdgeStatistics {
+        blur: median(edges.iter().map(|edge| edge.blur).collect()),
+        blur_facing,
+        step: median(steps),
+    })
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }

@@ -63,18 +63,24 @@ impl LineKernel {
     /// and their mean place `at` itself.
     fn weights_at(&self, at: usize) -> Vec<f32> {
         let reach = self.half.len() - 1;
-        let offset = |index: usize| index as f32 - at as f32;
-        let gaussian: Vec<f32> = (0..self.len)
-            .map(|index| if at.abs_diff(index) <= reach { self.half[at.abs_diff(index)] } else { 0.0 })
+        let offset = |index: usize| index as f64 - at as f64;
+        let gaussian: Vec<f64> = (0..self.len)
+            .map(|index| if at.abs_diff(index) <= reach { f64::from(self.half[at.abs_diff(index)]) } else { 0.0 })
             .collect();
-        let moment = |power: i32| -> f32 {
+        let moment = |power: i32| -> f64 {
             gaussian.iter().enumerate().map(|(index, weight)| weight * offset(index).powi(power)).sum()
         };
         let [sum, first, second] = [moment(0), moment(1), moment(2)];
         // Σ w = 1 and Σ w·offset = 0 with w = gaussian · (constant + slope · offset).
         let determinant = sum * second - first * first;
-        let [constant, slope] = [second / determinant, -first / determinant];
-        gaussian.iter().enumerate().map(|(index, weight)| weight * (constant + slope * offset(index))).collect()
+        // A Gaussian too narrow for its neighbours to weigh anything changes nothing.
+        let [constant, slope] =
+            if determinant > 0.0 { [second / determinant, -first / determinant] } else { [sum.recip(), 0.0] };
+        gaussian
+            .iter()
+            .enumerate()
+            .map(|(index, weight)| (weight * (constant + slope * offset(index))) as f32)
+            .collect()
     }
 
     /// The weights of every sample near an end.
@@ -194,6 +200,16 @@ mod tests {
         let smooth = gaussian(&field, [1.0, 1.5, 2.0], 2.0, 8);
         for (found, expected) in smooth.iter().zip(&field) {
             assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_gaussian_narrower_than_a_voxel_changes_nothing() {
+        let field = Field::from_shape_fn((7, 5, 6), |(k, j, i)| ((k * 5 + j * 3 + i * 7) % 11) as f32);
+        for sigma in [0.3, 0.05, 0.01] {
+            let smooth = gaussian(&field, [1.0, 8.0, 30.0], sigma, 4);
+            let moved = smooth.iter().zip(&field).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(if sigma < 0.1 { moved < 1e-5 } else { moved < 0.1 }, "{sigma}: {moved}");
         }
     }
 

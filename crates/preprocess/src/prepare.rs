@@ -151,10 +151,10 @@ fn under_sampling(
 ) -> Option<String> {
     let GradientSource::Spline(coefficients) = source else { return None };
     let spline = Evaluator::new(coefficients, field.spacing);
-    let blur = f64::from(edge_statistics(tracer, &spline, field.dims())?.blur);
+    let blur = edge_statistics(tracer, &spline, field.dims())?.samples_across(field.spacing, 0.0);
     (blur < LEAST_BLUR).then(|| {
         format!(
-            "boundaries blurred by {blur:.2} voxels are under-sampled for --derivative {}: it rings beside them and finds \
+            "boundaries blurred by {blur:.2} samples are under-sampled for --derivative {}: it rings beside them and finds \
              boundaries that are none; --method auto or fast do not",
             settings.kernel
         )

@@ -161,14 +161,16 @@ impl Settings {
         if self.d_max < self.step {
             return Err(Error::Parameter(format!("--dmax {} is shorter than --step {}", self.d_max, self.step)));
         }
-        inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 100.0)?;
+        inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 30.0)?;
         inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
-        inside("--noise-floor", self.noise_floor, -f64::MIN_POSITIVE, 1e6)?;
+        if !(0.0..=1e6).contains(&self.noise_floor) {
+            return Err(Error::Parameter(format!("--noise-floor {}: give a number from 0 to 1000000", self.noise_floor)));
+        }
         if let Kernel::Gaussian(sigma) = self.kernel {
             inside("--derivative gaussian:", sigma, 0.0, 100.0)?;
         }
         self.validate_reconstruction()?;
-        self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, f64::MAX))
+        self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, 1000.0))
     }
 
     fn validate_reconstruction(&self) -> Result<()> {

@@ -1,5 +1,8 @@
 //! A spline between its samples: value, gradient and Hessian.
 
+// No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
+#![allow(clippy::needless_range_loop, reason = "see above")]
+
 use fearless_simd::{Level, Simd, SimdBase, SimdSplit, dispatch, f32x8};
 use glam::Vec3;
 
@@ -106,8 +109,6 @@ struct Samples<'a> {
 }
 
 impl<'a> Samples<'a> {
-    // No closures below: one that a function of std calls would be compiled without the level's instructions.
-
     /// The samples from the first tap of a cell on: two before the cell, which is where the padding begins to count.
     #[inline(always)]
     fn from(&self, [i, j, k]: [usize; 3]) -> Self {

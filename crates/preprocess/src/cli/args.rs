@@ -81,7 +81,8 @@ pub struct PrepareArgs {
     /// times their estimated noise for derivatives].
     #[arg(long, value_name = "F")]
     pub range_sigma: Option<f64>,
-    /// Neighbours on each side that a filter looks at, in voxels [default: 2, Gaussian 5].
+    /// Neighbours on each side that a filter looks at, in voxels [default: 2, Gaussian 5; more where σ is
+    /// larger].
     #[arg(long, value_name = "N")]
     pub radius: Option<usize>,
     /// What stops a ray: a fall of its own gradient magnitude (literal), or only a rise along the other ray (release)

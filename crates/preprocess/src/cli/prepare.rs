@@ -1,6 +1,6 @@
 //! `voxrole prepare`.
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use rayon::ThreadPoolBuilder;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
 use voxrole_preprocess::io::read_volume;
@@ -20,6 +20,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
     super::check_output(&args.output, &args.input, None)?;
     if let Some(report) = &args.report {
         super::check_output(report, &args.input, None)?;
+        ensure!(report != &args.output, "{}: two outputs cannot be one file", report.display());
     }
     let mut pool = ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
@@ -78,9 +79,10 @@ fn settings(args: &PrepareArgs) -> Settings {
     automatic.kernel &= args.derivative.is_none();
     automatic.reconstruction &= args.reconstruction.is_none();
     let smoothing = &mut settings.smoothing;
+    let wider = args.spatial_sigma.map_or(1.0, |sigma| (sigma / smoothing.spatial_sigma).clamp(1.0, 1e3));
     smoothing.spatial_sigma = args.spatial_sigma.unwrap_or(smoothing.spatial_sigma);
     smoothing.range_sigma = args.range_sigma;
-    smoothing.radius = args.radius.unwrap_or(smoothing.radius);
+    smoothing.radius = args.radius.unwrap_or((smoothing.radius as f64 * wider).ceil() as usize);
     if let Some(climb) = args.climb {
         settings.climb = match climb {
             ClimbArg::Literal => Climb::Literal,
@@ -127,7 +129,7 @@ fn summarise(report: &Report, args: &PrepareArgs) {
     let [x, y, z] = report.dims;
     println!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads);
     if let Some(choice) = &report.choice {
-        println!("  chosen: {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason);
+        println!("  {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason);
     }
     println!(
         "  {} voxels have a boundary ({:.1} %), {} have none, {} are masked",
