@@ -39,6 +39,11 @@ real-data REAL_DATA OUT:
     cargo build --release --bins
     tests/real_data.sh target/release {{REAL_DATA}} {{OUT}}
 
+# What phantoms' samples give at best, by Fourier interpolation (numpy and pynrrd).
+peers-spectral:
+    cargo build --release --bin voxrole
+    python3 tests/peers/spectral_reference.py target/release/voxrole
+
 # ITK's Canny (SimpleITK from PyPI; numpy and pynrrd) on the phantoms of the smoothing study, then the study beside it, into
 # a folder.
 peers-canny OUT:

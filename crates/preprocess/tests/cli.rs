@@ -191,6 +191,13 @@ fn what_is_chosen_and_what_is_unwise_is_said() {
     assert!(!warned("") && !warned("--method fast"));
     let said = workplace.succeed("prepare sharp.nrrd -o sharp.vxr");
     assert!(said.contains("central2"), "{said}");
+
+    // Blurred by 1.5 voxels along x and y, but by half a voxel along z.
+    workplace.succeed("phantom ball --dims 64,64,24 --spacing 1,1,3 -o thick.nrrd");
+    let said = workplace.succeed("prepare thick.nrrd -o thick.vxr");
+    assert!(said.contains("central2") && said.contains(" 0 are masked"), "{said}");
+    let said = workplace.succeed("prepare noisy.nrrd -o given.vxr --smooth none --derivative central4");
+    assert!(said.contains("the kernel was given") && said.contains("smoothing was given"), "{said}");
 }
 
 #[test]
@@ -317,6 +324,7 @@ fn wrong_requests_are_explained() {
         ("slice ball.vxr --field value --axis z --index 3 -o out.jpg", "png"),
         ("histogram ball.vxr --kind v-g -o .", "."),
         ("prepare ball.nrrd -o out.vxr --report no/such.json", "no folder"),
+        ("prepare ball.nrrd -o out.vxr --report out.vxr", "two outputs"),
         ("prepare ball.nrrd -o out.vxr --radius 3", "--smooth"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
         ("prepare ball.nrrd -o out.vxr --derivative central4 --reconstruction exact", "bspline5"),
