@@ -164,7 +164,10 @@ impl Settings {
         inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 30.0)?;
         inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
         if !(0.0..=1e6).contains(&self.noise_floor) {
-            return Err(Error::Parameter(format!("--noise-floor {}: give a number from 0 to 1000000", self.noise_floor)));
+            return Err(Error::Parameter(format!(
+                "--noise-floor {}: give a number from 0 to 1000000",
+                self.noise_floor
+            )));
         }
         if let Kernel::Gaussian(sigma) = self.kernel {
             inside("--derivative gaussian:", sigma, 0.0, 100.0)?;
