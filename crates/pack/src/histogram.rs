@@ -60,6 +60,7 @@ impl HistogramAxis {
 
     /// The bin of `value`; values outside go to the nearest bin.
     #[must_use]
+    #[inline]
     pub fn bin_of(&self, value: f64) -> usize {
         let bin = (value - self.low) / (self.high - self.low) * f64::from(self.bins);
         (bin.max(0.0) as usize).min(self.bins as usize - 1)

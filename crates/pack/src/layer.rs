@@ -65,3 +65,27 @@ pub enum Quantization {
     /// Octahedral unit vector.
     Octahedral,
 }
+
+impl Quantization {
+    /// The physical value of a stored number; `None` for one that stands for no value, and for directions. Never falls, or
+    /// never rises, as stored numbers rise.
+    #[must_use]
+    pub fn physical(&self, stored: f64) -> Option<f64> {
+        match self {
+            Self::Linear { slope, intercept } => Some(slope.mul_add(stored, *intercept)),
+            Self::Distance(quantization) => quantization.decode(stored as i16).map(f64::from),
+            Self::HitGradient(quantization) => quantization.decode(stored as u16).map(f64::from),
+            Self::Octahedral => None,
+        }
+    }
+
+    /// The smallest stored number that may stand for a value; `None` if any may.
+    #[must_use]
+    pub fn lowest_stored(&self) -> Option<f64> {
+        match self {
+            Self::Distance(_) => Some(f64::from(-DistanceQuantization::STEPS)),
+            Self::HitGradient(_) => Some(1.0),
+            Self::Linear { .. } | Self::Octahedral => None,
+        }
+    }
+}

@@ -21,6 +21,7 @@ pub mod limits;
 pub mod prologue;
 pub mod quantization;
 pub mod reader;
+pub mod reused;
 pub mod scalar;
 pub mod value_range;
 pub mod writer;

@@ -26,13 +26,15 @@ impl DistanceQuantization {
 
     /// The stored number for a distance; clamped to `±d_max`.
     #[must_use]
+    #[inline]
     pub fn encode(&self, distance: f32) -> i16 {
         let steps = f32::from(Self::STEPS);
-        (distance / self.d_max * steps).round().clamp(-steps, steps) as i16
+        rounded((distance / self.d_max * steps).clamp(-steps, steps)) as i16
     }
 
     /// The distance, or `None` where there is no boundary or the voxel is masked.
     #[must_use]
+    #[inline]
     pub fn decode(&self, stored: i16) -> Option<f32> {
         (stored >= -Self::STEPS).then(|| f32::from(stored) * (self.d_max / f32::from(Self::STEPS)))
     }
@@ -58,18 +60,27 @@ impl HitGradientQuantization {
 
     /// The stored number for a magnitude; clamped to `low..=high`.
     #[must_use]
+    #[inline]
     pub fn encode(&self, magnitude: f32) -> u16 {
         let extent = self.high - self.low;
         let fraction = if extent > 0.0 { ((magnitude - self.low) / extent).clamp(0.0, 1.0) } else { 0.0 };
-        1 + (fraction * Self::STEPS).round() as u16
+        1 + rounded(fraction * Self::STEPS) as u16
     }
 
     /// The magnitude, or `None` where there is no hit.
     #[must_use]
+    #[inline]
     pub fn decode(&self, stored: u16) -> Option<f32> {
         let steps = f32::from(stored.checked_sub(1)?);
         Some((self.high - self.low).mul_add(steps / Self::STEPS, self.low))
     }
+}
+
+/// `number.round()`, without the call that many processors need for that. Requires a magnitude below 2²²; 0 for NaN.
+#[inline]
+fn rounded(number: f32) -> i32 {
+    // The largest number below one half: one half itself would lift what lies just below it to 1.
+    (number + 0.499_999_97_f32.copysign(number)) as i32
 }
 
 /// Stored for a voxel without a direction.
@@ -131,6 +142,17 @@ mod tests {
         let quantization = HitGradientQuantization { low: 0.5, high: 0.5 };
         assert_eq!(quantization.decode(quantization.encode(0.5)), Some(0.5));
         assert_eq!(quantization.decode(0), None);
+    }
+
+    #[test]
+    fn halves_are_rounded_away_from_0() {
+        for whole in 0_u16..=u16::MAX {
+            let half = f32::from(whole) + 0.5;
+            for number in [half.next_down(), half, half.next_up(), f32::from(whole)] {
+                assert_eq!([rounded(number), rounded(-number)], [number, -number].map(|number| number.round() as i32));
+            }
+        }
+        assert_eq!(rounded(f32::NAN), 0);
     }
 
     proptest! {

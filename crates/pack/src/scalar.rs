@@ -1,5 +1,6 @@
 //! Scalar types and dense arrays of them.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The type of one stored number.
@@ -64,43 +65,74 @@ impl ScalarType {
 pub trait LittleEndian: Copy + Default + Send + Sync + 'static {
     /// Bytes of one number.
     const SIZE: usize;
-    /// Appends the number, little-endian.
-    fn append_le(self, bytes: &mut Vec<u8>);
+    /// Appends numbers, little-endian.
+    fn append_le(values: &[Self], bytes: &mut Vec<u8>);
     /// Reads the number from exactly [`Self::SIZE`] bytes.
     fn from_le(bytes: &[u8]) -> Self;
+    /// Byte `index` of the little-endian form.
+    fn byte(self, index: usize) -> u8;
+    /// Whether all bytes are the same: NaNs by their payload, zeros by their sign.
+    fn is_same(self, other: Self) -> bool;
 }
 
 /// A number that a layer can hold.
-pub trait Scalar: LittleEndian + PartialEq {
+pub trait Scalar: LittleEndian + PartialOrd {
     /// Its type's code.
     const TYPE: ScalarType;
+    /// Smallest finite number.
+    const LOWEST: Self;
+    /// Largest finite number.
+    const HIGHEST: Self;
     /// The number as f64, exactly.
     fn to_f64(self) -> f64;
+    /// The nearest number of this type.
+    fn from_f64(value: f64) -> Self;
 }
 
 macro_rules! impl_little_endian {
-    ($($primitive:ty),*) => {$(
+    ($($primitive:ty as $bits:ty),*) => {$(
         impl LittleEndian for $primitive {
             const SIZE: usize = size_of::<Self>();
-            fn append_le(self, bytes: &mut Vec<u8>) {
-                bytes.extend_from_slice(&self.to_le_bytes());
+            fn append_le(values: &[Self], bytes: &mut Vec<u8>) {
+                let start = bytes.len();
+                bytes.resize(start + size_of_val(values), 0);
+                let (numbers, _) = bytes[start..].as_chunks_mut::<{ Self::SIZE }>();
+                numbers.iter_mut().zip(values).for_each(|(number, value)| *number = value.to_le_bytes());
             }
+            #[inline]
             fn from_le(bytes: &[u8]) -> Self {
                 let mut array = [0; Self::SIZE];
                 array.copy_from_slice(bytes);
                 Self::from_le_bytes(array)
             }
+            #[inline]
+            fn byte(self, index: usize) -> u8 {
+                (<$bits>::from_ne_bytes(self.to_ne_bytes()) >> (8 * index)) as u8
+            }
+            #[inline]
+            fn is_same(self, other: Self) -> bool {
+                <$bits>::from_ne_bytes(self.to_ne_bytes()) == <$bits>::from_ne_bytes(other.to_ne_bytes())
+            }
         }
     )*};
 }
-impl_little_endian!(u8, i8, u16, i16, u32, i32, u64, f32, f64);
+impl_little_endian!(
+    u8 as u8, i8 as u8, u16 as u16, i16 as u16, u32 as u32, i32 as u32, f32 as u32, u64 as u64, f64 as u64
+);
 
 macro_rules! impl_scalar {
     ($($primitive:ty => $code:ident),*) => {$(
         impl Scalar for $primitive {
             const TYPE: ScalarType = ScalarType::$code;
+            const LOWEST: Self = <$primitive>::MIN;
+            const HIGHEST: Self = <$primitive>::MAX;
+            #[inline]
             fn to_f64(self) -> f64 {
                 f64::from(self)
+            }
+            #[inline]
+            fn from_f64(value: f64) -> Self {
+                value as Self
             }
         }
     )*};
@@ -197,10 +229,78 @@ impl Scalars {
     /// Smallest and largest finite number, or `None` if there is none.
     #[must_use]
     pub fn finite_range(&self) -> Option<[f64; 2]> {
-        with_scalars!(self, values => {
-            values.iter().map(|value| value.to_f64()).filter(|value| value.is_finite()).fold(None, |range, value| {
-                Some(range.map_or([value, value], |[low, high]: [f64; 2]| [low.min(value), high.max(value)]))
-            })
-        })
+        fn of<T: Scalar>(values: &[T]) -> Option<[f64; 2]> {
+            par_range_within(values, T::LOWEST, T::HIGHEST).map(|ends| ends.map(T::to_f64))
+        }
+        with_scalars!(self, values => of(values))
+    }
+}
+
+/// As [`range_within`], on every thread.
+#[must_use]
+pub fn par_range_within<T: Scalar>(values: &[T], lowest: T, highest: T) -> Option<[T; 2]> {
+    values
+        .par_chunks(1 << 16)
+        .filter_map(|chunk| range_within(chunk, lowest, highest))
+        .reduce_with(|[a, b], [c, d]| [if c < a { c } else { a }, if d > b { d } else { b }])
+}
+
+/// Numbers that are compared at once.
+const LANES: usize = 16;
+
+/// Smallest and largest of the numbers within `lowest..=highest`, or `None` if there is none.
+#[must_use]
+pub fn range_within<T: Scalar>(values: &[T], lowest: T, highest: T) -> Option<[T; 2]> {
+    let mut low = [highest; LANES];
+    let mut high = [lowest; LANES];
+    let mut take = |lane: usize, value: T| {
+        let [below, above] = if value >= lowest && value <= highest { [value; 2] } else { [highest, lowest] };
+        low[lane] = if below < low[lane] { below } else { low[lane] };
+        high[lane] = if above > high[lane] { above } else { high[lane] };
+    };
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    for block in blocks {
+        for (lane, &value) in block.iter().enumerate() {
+            take(lane, value);
+        }
+    }
+    rest.iter().enumerate().for_each(|(lane, &value)| take(lane, value));
+    let low = low.into_iter().reduce(|a, b| if b < a { b } else { a })?;
+    let high = high.into_iter().reduce(|a, b| if b > a { b } else { a })?;
+    (low <= high).then_some([low, high])
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn ranges_are_those_of_a_plain_loop(
+            values in prop::collection::vec(prop_oneof![any::<f32>(), -3.0_f32..3.0, Just(f32::MAX)], 0..70),
+        ) {
+            let finite = || values.iter().copied().filter(|value| value.is_finite()).map(f64::from);
+            let expected = finite().reduce(f64::min).zip(finite().reduce(f64::max)).map(|(low, high)| [low, high]);
+            prop_assert_eq!(Scalars::F32(values.clone()).finite_range(), expected);
+        }
+
+        #[test]
+        fn codes_below_the_lowest_are_left_out(values in prop::collection::vec(any::<i16>(), 0..70), lowest in any::<i16>()) {
+            let kept = || values.iter().copied().filter(|&value| value >= lowest);
+            let expected = kept().min().zip(kept().max()).map(|(low, high)| [low, high]);
+            prop_assert_eq!(range_within(&values, lowest, i16::MAX), expected);
+        }
+    }
+
+    #[test]
+    fn bytes_are_little_endian() {
+        let number = 0x0102_0304_u32;
+        assert_eq!([0, 1, 2, 3].map(|index| number.byte(index)), [4, 3, 2, 1]);
+        let mut bytes = vec![9];
+        LittleEndian::append_le(&[number, 5], &mut bytes);
+        assert_eq!(bytes, [9, 4, 3, 2, 1, 5, 0, 0, 0]);
+        assert!(f32::NAN.is_same(f32::NAN) && !0.0_f32.is_same(-0.0));
     }
 }

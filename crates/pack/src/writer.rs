@@ -8,14 +8,15 @@ use rayon::prelude::*;
 use crate::atomic_file::AtomicFile;
 use crate::brick::BrickGrid;
 use crate::codec::{self, MAX_DIRECTORY_BYTES, MAX_HEADER_BYTES};
-use crate::compression::{self, Encoding};
+use crate::compression::{Encoding, Packer, all_same};
 use crate::directory::{BrickEntry, Directory, Extent};
 use crate::geometry::GridGeometry;
 use crate::header::{Header, Parameter, Source, Statistics};
-use crate::histogram::Histogram;
-use crate::layer::Layer;
+use crate::histogram::{Histogram, HistogramShape};
+use crate::layer::{Layer, Quantization};
 use crate::prologue::{PROLOGUE_BYTES, Prologue, TableExtent};
-use crate::scalar::Scalar;
+use crate::reused::Reused;
+use crate::scalar::{LittleEndian, Scalar};
 use crate::value_range::ValueRange;
 use crate::{Error, Limits, Result};
 
@@ -28,7 +29,7 @@ pub struct Writer {
     position: u64,
     geometry: GridGeometry,
     layers: Vec<Layer>,
-    histograms: Vec<Histogram>,
+    histograms: Vec<HistogramShape>,
     directory: Directory,
 }
 
@@ -74,16 +75,24 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Adds a layer; `values` are all voxels, x fastest. `physical` maps a stored number to what
-    /// [`BrickEntry::range`] is about.
+    /// Adds a layer; `values` are all voxels as stored, x fastest.
     ///
     /// # Errors
     /// [`Error::Parameter`] when the layer's type or length does not fit, [`Error::Io`] when writing fails.
-    pub fn write_layer<T: Scalar>(
+    pub fn write_layer<T: Scalar>(&mut self, layer: Layer, values: &[T]) -> Result<()> {
+        self.write_encoded_layer(layer, values, |value| value)
+    }
+
+    /// Adds a layer that stores `encode` of `values`, all voxels, x fastest. The same bytes must be encoded to the same
+    /// number.
+    ///
+    /// # Errors
+    /// As [`Self::write_layer`].
+    pub fn write_encoded_layer<S: LittleEndian, T: Scalar>(
         &mut self,
         layer: Layer,
-        values: &[T],
-        physical: impl Fn(T) -> Option<f64> + Sync,
+        values: &[S],
+        encode: impl Fn(S) -> T + Sync,
     ) -> Result<()> {
         if layer.scalar_type != T::TYPE || values.len() != self.geometry.voxel_count() {
             return Err(Error::Parameter(format!(
@@ -96,19 +105,20 @@ impl Writer {
             )));
         }
         let grid = BrickGrid::new(self.geometry.dims_usize());
+        let workbenches = Reused::default();
+        let packed = |brick: usize| -> Result<PackedBrick> {
+            workbenches.lend(Workbench::new, |workbench| {
+                workbench.gather(&grid, brick, values, &encode);
+                workbench.pack(&layer.quantization)
+            })?
+        };
         let mut entries = Vec::with_capacity(grid.len());
         for first in (0..grid.len()).step_by(BRICKS_IN_FLIGHT) {
-            let packed: Vec<_> = (first..(first + BRICKS_IN_FLIGHT).min(grid.len()))
-                .into_par_iter()
-                .map(|brick| {
-                    let mut voxels = Vec::with_capacity(grid.voxel_count(brick));
-                    grid.rows(brick).for_each(|row| voxels.extend_from_slice(&values[row]));
-                    let range = ValueRange::of(voxels.iter().filter_map(|&voxel| physical(voxel)));
-                    compression::pack(&voxels).map(|(encoding, bytes)| (encoding, bytes, range))
-                })
-                .collect::<Result<_>>()?;
-            for (encoding, bytes, range) in packed {
-                entries.push(BrickEntry { extent: self.append_extent(encoding, &bytes)?, range });
+            let bricks = first..(first + BRICKS_IN_FLIGHT).min(grid.len());
+            // Bricks differ too much in work for more than one to be taken at a time.
+            let packed: Vec<_> = bricks.into_par_iter().with_max_len(1).map(packed).collect::<Result<_>>()?;
+            for PackedBrick { encoding, bytes, crc32, range } in packed {
+                entries.push(BrickEntry { extent: self.append_extent(encoding, &bytes, crc32)?, range });
             }
         }
         self.layers.push(layer);
@@ -116,23 +126,28 @@ impl Writer {
         Ok(())
     }
 
-    /// Adds a histogram.
+    /// Adds histograms.
     ///
     /// # Errors
     /// [`Error::Parameter`] when counts and axes disagree, [`Error::Io`] when writing fails.
-    pub fn write_histogram(&mut self, histogram: Histogram) -> Result<()> {
-        if histogram.shape.bin_count() != Some(histogram.counts.len() as u64) {
-            return Err(Error::Parameter(format!(
-                "histogram `{}` has {} counts for axes of {:?} bins",
-                histogram.shape.kind.name(),
-                histogram.counts.len(),
-                histogram.shape.axes.iter().map(|axis| axis.bins).collect::<Vec<_>>()
-            )));
+    pub fn write_histograms(&mut self, histograms: Vec<Histogram>) -> Result<()> {
+        for Histogram { shape, counts } in &histograms {
+            if shape.bin_count() != Some(counts.len() as u64) {
+                return Err(Error::Parameter(format!(
+                    "histogram `{}` has {} counts for axes of {:?} bins",
+                    shape.kind.name(),
+                    counts.len(),
+                    shape.axes.iter().map(|axis| axis.bins).collect::<Vec<_>>()
+                )));
+            }
         }
-        let (encoding, bytes) = compression::pack(&histogram.counts)?;
-        let extent = self.append_extent(encoding, &bytes)?;
-        self.directory.histograms.push(extent);
-        self.histograms.push(histogram);
+        let packed: Vec<_> =
+            histograms.par_iter().map(|histogram| Packer::new()?.pack(&histogram.counts)).collect::<Result<_>>()?;
+        for (histogram, (encoding, bytes)) in histograms.into_iter().zip(packed) {
+            let extent = self.append_extent(encoding, &bytes, crc32fast::hash(&bytes))?;
+            self.directory.histograms.push(extent);
+            self.histograms.push(histogram.shape);
+        }
         Ok(())
     }
 
@@ -149,7 +164,7 @@ impl Writer {
             parameters: description.parameters,
             statistics: description.statistics,
             layers: std::mem::take(&mut self.layers),
-            histograms: std::mem::take(&mut self.histograms).into_iter().map(|histogram| histogram.shape).collect(),
+            histograms: std::mem::take(&mut self.histograms),
         };
         header.validate(&Limits::default())?;
         let header = self.append_table(&codec::encode::<_, MAX_HEADER_BYTES>(&header, "the header")?)?;
@@ -172,14 +187,57 @@ impl Writer {
         Ok(offset)
     }
 
-    fn append_extent(&mut self, encoding: Encoding, bytes: &[u8]) -> Result<Extent> {
-        let TableExtent { offset, bytes: stored_bytes, crc32 } = self.append_table(bytes)?;
+    fn append_extent(&mut self, encoding: Encoding, bytes: &[u8], crc32: u32) -> Result<Extent> {
+        let TableExtent { offset, bytes: stored_bytes, crc32 } = self.append_section(bytes, crc32)?;
         Ok(Extent { offset, stored_bytes, crc32, encoding })
     }
 
     fn append_table(&mut self, bytes: &[u8]) -> Result<TableExtent> {
+        self.append_section(bytes, crc32fast::hash(bytes))
+    }
+
+    fn append_section(&mut self, bytes: &[u8], crc32: u32) -> Result<TableExtent> {
         let length = u32::try_from(bytes.len())
             .map_err(|_| Error::Parameter(format!("{} bytes are too many for one section", bytes.len())))?;
-        Ok(TableExtent { offset: self.append(bytes)?, bytes: length, crc32: crc32fast::hash(bytes) })
+        Ok(TableExtent { offset: self.append(bytes)?, bytes: length, crc32 })
+    }
+}
+
+/// A brick, ready to be written.
+struct PackedBrick {
+    encoding: Encoding,
+    bytes: Vec<u8>,
+    crc32: u32,
+    range: Option<ValueRange>,
+}
+
+/// What one thread needs to pack bricks.
+struct Workbench<T> {
+    packer: Packer,
+    /// The brick's numbers, or a single one where they are all the same.
+    stored: Vec<T>,
+}
+
+impl<T: Scalar> Workbench<T> {
+    fn new() -> Result<Self> {
+        Ok(Self { packer: Packer::new()?, stored: Vec::new() })
+    }
+
+    fn gather<S: LittleEndian>(&mut self, grid: &BrickGrid, brick: usize, values: &[S], encode: impl Fn(S) -> T) {
+        self.stored.clear();
+        let first = grid.rows(brick).next().map(|row| values[row.start]);
+        if let Some(first) = first.filter(|&first| grid.rows(brick).all(|row| all_same(&values[row], first))) {
+            self.stored.push(encode(first));
+            return;
+        }
+        for row in grid.rows(brick) {
+            self.stored.extend(values[row].iter().map(|&value| encode(value)));
+        }
+    }
+
+    fn pack(&mut self, quantization: &Quantization) -> Result<PackedBrick> {
+        let range = ValueRange::of(&self.stored, quantization);
+        let (encoding, bytes) = self.packer.pack(&self.stored)?;
+        Ok(PackedBrick { crc32: crc32fast::hash(&bytes), encoding, bytes, range })
     }
 }

@@ -63,19 +63,15 @@ fn write(path: &Path, sample: &Sample) -> u64 {
     let linear = Quantization::Linear { slope: 2.0, intercept: -1.0 };
     with_scalars!(&sample.scalars, values => {
         let value = layer(LayerKind::Value, sample.scalars.scalar_type(), linear);
-        writer.write_layer(value, values, |_| None).expect("writes");
+        writer.write_layer(value, values).expect("writes");
     });
     let distance = Quantization::Distance(DistanceQuantization { d_max: 15.0 });
-    writer
-        .write_layer(layer(LayerKind::Distance, ScalarType::I16, distance), &sample.distance, |_| None)
-        .expect("writes");
+    writer.write_layer(layer(LayerKind::Distance, ScalarType::I16, distance), &sample.distance).expect("writes");
     let hit = Quantization::HitGradient(HitGradientQuantization { low: 1.0, high: 2.0 });
-    writer
-        .write_layer(layer(LayerKind::HitGradient, ScalarType::U16, hit), &sample.hit_gradient, |_| None)
-        .expect("writes");
+    writer.write_layer(layer(LayerKind::HitGradient, ScalarType::U16, hit), &sample.hit_gradient).expect("writes");
     let normal = layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral);
-    writer.write_layer(normal, &sample.normal, |_| None).expect("writes");
-    writer.write_histogram(histogram()).expect("writes");
+    writer.write_layer(normal, &sample.normal).expect("writes");
+    writer.write_histograms(vec![histogram()]).expect("writes");
     writer.finish(description()).expect("finishes")
 }
 

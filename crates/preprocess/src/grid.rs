@@ -71,9 +71,9 @@ impl Grid {
         fn hash<T: LittleEndian>(values: &[T]) -> [u8; 32] {
             let mut hasher = Sha256::new();
             let mut bytes = Vec::new();
-            for chunk in values.chunks(1 << 16) {
+            for chunk in values.chunks(1 << 13) {
                 bytes.clear();
-                chunk.iter().for_each(|value| value.append_le(&mut bytes));
+                T::append_le(chunk, &mut bytes);
                 hasher.update(&bytes);
             }
             hasher.finalize().into()

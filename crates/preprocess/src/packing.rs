@@ -2,18 +2,18 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
 use voxrole_pack::header::{Parameter, Source, Statistics};
 use voxrole_pack::layer::Quantization;
+use voxrole_pack::scalar::par_range_within;
 use voxrole_pack::writer::Description;
 use voxrole_pack::{
-    DistanceQuantization, Histogram, HistogramAxis, HistogramKind, HitGradientQuantization, Layer, LayerKind,
-    ScalarType, Writer, with_scalars,
+    DistanceQuantization, Histogram, HistogramAxis, HitGradientQuantization, Layer, LayerKind, ScalarType, Writer,
+    with_scalars,
 };
 
 use crate::automatic::Choice;
 use crate::directional_derivative::{Derivatives, EdgeOperator};
-use crate::joint_histogram::{BINS, DISTANCE_BINS, count, value_axis, widened};
+use crate::joint_histogram::{BINS, Binning, DISTANCE_BINS, Quantities, count, value_axis, widened};
 use crate::roles::{MASKED, Roles};
 use crate::settings::Settings;
 use crate::smoothing::RangeSigmas;
@@ -27,6 +27,8 @@ pub const MADE_BY: &str = concat!("voxrole ", env!("CARGO_PKG_VERSION"));
 pub struct Prepared<'a> {
     /// The input.
     pub grid: &'a Grid,
+    /// Smallest and largest finite number of the input, as stored.
+    pub stored_range: Option<[f64; 2]>,
     /// What shaped the result, with what was chosen by the data.
     pub settings: Settings,
     /// What was found in the data and chosen by it.
@@ -56,101 +58,98 @@ impl Prepared<'_> {
     ///
     /// # Errors
     /// [`Error::Pack`] when writing fails, [`Error::Parameter`] when derivatives of these values leave the range of f32.
-    pub fn write(&self, path: &Path) -> Result<u64> {
-        let mut writer = Writer::create(path, self.grid.geometry.clone())?;
-        self.write_value(&mut writer)?;
-        self.write_roles(&mut writer)?;
-        if self.settings.keep_derivatives {
-            self.write_derivatives(&mut writer)?;
-        }
-        for histogram in self.histograms() {
-            writer.write_histogram(histogram)?;
-        }
-        Ok(writer.finish(self.description())?)
+    pub fn write(self, path: &Path) -> Result<u64> {
+        let extremes = Extremes::new(&self);
+        // What only one thread can do, hashing and handing bytes to the system, goes on beside the rest.
+        let ((writer, histograms), voxels_sha256) = rayon::join(
+            || rayon::join(|| self.write_layers(path, &extremes), || self.histograms(&extremes)),
+            || self.grid.voxels_sha256(),
+        );
+        let mut writer = writer?;
+        writer.write_histograms(histograms)?;
+        let description = self.description(&extremes, voxels_sha256);
+        // Memory is given back while the disk is waited for.
+        let (file_bytes, ()) = rayon::join(|| writer.finish(description), || drop(self));
+        Ok(file_bytes?)
     }
 
-    fn write_value(&self, writer: &mut Writer) -> Result<()> {
+    fn write_layers(&self, path: &Path, extremes: &Extremes) -> Result<Writer> {
+        let mut writer = Writer::create(path, self.grid.geometry.clone())?;
         let (slope, intercept) = (self.grid.slope, self.grid.intercept);
         let layer = Layer {
             kind: LayerKind::Value,
             scalar_type: self.grid.scalars.scalar_type(),
             quantization: Quantization::Linear { slope, intercept },
         };
-        use voxrole_pack::scalar::Scalar;
-        with_scalars!(&self.grid.scalars, values => {
-            writer.write_layer(layer, values, |value| Some(slope.mul_add(value.to_f64(), intercept)))?;
-        });
-        Ok(())
+        with_scalars!(&self.grid.scalars, values => writer.write_layer(layer, values)?);
+        self.write_roles(&mut writer, extremes)?;
+        if self.settings.keep_derivatives {
+            self.write_derivatives(&mut writer, extremes)?;
+        }
+        Ok(writer)
     }
 
-    fn write_roles(&self, writer: &mut Writer) -> Result<()> {
+    fn write_roles(&self, writer: &mut Writer, extremes: &Extremes) -> Result<()> {
         let quantization = DistanceQuantization { d_max: self.d_max() };
         let world_from_working = self.field.smallest_spacing;
-        let stored: Vec<i16> = self
-            .roles
-            .distance
-            .par_iter()
-            .map(|&distance| match distance {
-                MASKED => DistanceQuantization::MASKED,
-                distance if distance.is_nan() => DistanceQuantization::NO_BOUNDARY,
-                distance => quantization.encode((f64::from(distance) * world_from_working) as f32),
-            })
-            .collect();
         let layer = Layer {
             kind: LayerKind::Distance,
             scalar_type: ScalarType::I16,
             quantization: Quantization::Distance(quantization),
         };
-        writer.write_layer(layer, &stored, |stored| quantization.decode(stored).map(f64::from))?;
-        drop(stored);
+        writer.write_encoded_layer(layer, &self.roles.distance, |distance| match distance {
+            MASKED => DistanceQuantization::MASKED,
+            distance if distance.is_nan() => DistanceQuantization::NO_BOUNDARY,
+            distance => quantization.encode((f64::from(distance) * world_from_working) as f32),
+        })?;
 
-        let quantization = self.hit_gradient_quantization()?;
-        let stored: Vec<u16> = self
-            .roles
-            .hit_gradient
-            .par_iter()
-            .map(|&g| if g.is_nan() { 0 } else { quantization.encode(self.physical_gradient(g) as f32) })
-            .collect();
+        let quantization = self.hit_gradient_quantization(extremes)?;
         let layer = Layer {
             kind: LayerKind::HitGradient,
             scalar_type: ScalarType::U16,
             quantization: Quantization::HitGradient(quantization),
         };
-        writer.write_layer(layer, &stored, |stored| quantization.decode(stored).map(f64::from))?;
+        writer.write_encoded_layer(layer, &self.roles.hit_gradient, |g: f32| {
+            if g.is_nan() { 0 } else { quantization.encode(self.physical_gradient(g) as f32) }
+        })?;
 
         let layer =
             Layer { kind: LayerKind::Normal, scalar_type: ScalarType::U16, quantization: Quantization::Octahedral };
-        writer.write_layer(layer, &self.roles.normal, |_| None)?;
+        writer.write_layer(layer, &self.roles.normal)?;
         Ok(())
     }
 
-    fn write_derivatives(&self, writer: &mut Writer) -> Result<()> {
-        for (kind, field, scale) in [
-            (LayerKind::GradientMagnitude, &self.derivatives.gradient_magnitude, self.field.gradient_scale()),
-            (LayerKind::SecondDerivative, &self.derivatives.second_derivative, self.field.second_derivative_scale()),
+    fn write_derivatives(&self, writer: &mut Writer, extremes: &Extremes) -> Result<()> {
+        let Derivatives { gradient_magnitude, second_derivative } = &self.derivatives;
+        for (kind, field, largest, scale) in [
+            (LayerKind::GradientMagnitude, gradient_magnitude, extremes.gradient, self.field.gradient_scale()),
+            (
+                LayerKind::SecondDerivative,
+                second_derivative,
+                extremes.second_derivative,
+                self.field.second_derivative_scale(),
+            ),
         ] {
             let layer = Layer {
                 kind,
                 scalar_type: ScalarType::F32,
                 quantization: Quantization::Linear { slope: 1.0, intercept: 0.0 },
             };
-            let physical: Vec<f32> = voxels(field).par_iter().map(|&value| (f64::from(value) * scale) as f32).collect();
-            if physical.par_iter().any(|value| value.is_infinite()) {
+            let physical = |working: f32| (f64::from(working) * scale) as f32;
+            if physical(largest).is_infinite() {
                 return Err(Error::Parameter(format!(
                     "{}: `{}` leaves the range of f32; scale the values or the spacing down",
                     self.grid.name,
                     kind.name()
                 )));
             }
-            writer.write_layer(layer, &physical, |value| Some(f64::from(value)))?;
+            writer.write_encoded_layer(layer, voxels(field), physical)?;
         }
         Ok(())
     }
 
-    fn hit_gradient_quantization(&self) -> Result<HitGradientQuantization> {
-        let hits = self.roles.hit_gradient.iter().filter(|g| !g.is_nan());
-        let (low, high) = hits.fold((f32::INFINITY, 0.0_f32), |(low, high), &g| (low.min(g), high.max(g)));
-        let [low, high] = [low.min(high), high].map(|g| self.physical_gradient(g) as f32);
+    fn hit_gradient_quantization(&self, extremes: &Extremes) -> Result<HitGradientQuantization> {
+        let [low, high] = extremes.hit_gradient.map(|g| self.physical_gradient(g) as f32);
         if high.is_infinite() {
             return Err(Error::Parameter(format!(
                 "{}: the gradient magnitude at boundaries leaves the range of f32; scale the values or the spacing down",
@@ -164,65 +163,52 @@ impl Prepared<'_> {
         f64::from(working) * self.field.gradient_scale()
     }
 
-    fn largest_gradient(&self) -> f64 {
+    fn largest_gradient(&self, extremes: &Extremes) -> f64 {
         // A spline may be steeper between the voxels than on any of them.
-        let all = voxels(&self.derivatives.gradient_magnitude).iter().chain(&self.roles.hit_gradient);
-        let largest = all.copied().fold(0.0, f32::max);
-        self.physical_gradient(largest)
+        self.physical_gradient(extremes.gradient.max(extremes.hit_gradient[1]))
     }
 
     /// The histograms of every voxel, before anything is quantised.
-    fn histograms(&self) -> Vec<Histogram> {
-        let g = voxels(&self.derivatives.gradient_magnitude);
-        let f2 = voxels(&self.derivatives.second_derivative);
-        let roles = &self.roles;
-        let count_all = |kind, axes, position: &(dyn Fn(usize) -> [f64; 2] + Sync)| {
-            count(kind, axes, g.len(), |voxel| Some(position(voxel)).filter(|[x, y]| x.is_finite() && y.is_finite()))
-        };
-        let value = |voxel: usize| self.grid.physical(voxel);
-        let gradient = |working: f32| self.physical_gradient(working);
-        let f2_scale = self.field.second_derivative_scale();
-        let largest_f2 = f64::from(f2.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()))) * f2_scale;
-        let d_max = f64::from(self.d_max());
-        let value_axis = value_axis(self.grid);
-        let gradient_axis = if self.largest_gradient() > 0.0 {
-            widened(0.0, self.largest_gradient(), BINS)
+    fn histograms(&self, extremes: &Extremes) -> Vec<Histogram> {
+        let field = &self.field;
+        let largest_gradient = self.largest_gradient(extremes);
+        let gradient_axis = if largest_gradient > 0.0 {
+            widened(0.0, largest_gradient, BINS)
         } else {
             HistogramAxis { low: 0.0, high: 1.0, bins: BINS }
         };
-        let f2_axis = widened(-largest_f2, largest_f2, BINS);
-        vec![
-            count_all(HistogramKind::ValueGradient, vec![value_axis, gradient_axis], &|voxel| {
-                [value(voxel), gradient(g[voxel])]
-            }),
-            count_all(HistogramKind::ValueSecondDerivative, vec![value_axis, f2_axis], &|voxel| {
-                [value(voxel), f64::from(f2[voxel]) * f2_scale]
-            }),
-            count_all(HistogramKind::ValueHitGradient, vec![value_axis, gradient_axis], &|voxel| {
-                [value(voxel), gradient(roles.hit_gradient[voxel])]
-            }),
-            count_all(HistogramKind::HitValueHitGradient, vec![value_axis, gradient_axis], &|voxel| {
-                let at_hit = f64::from(roles.hit_value[voxel]);
-                [at_hit.mul_add(self.field.value_scale, self.field.value_offset), gradient(roles.hit_gradient[voxel])]
-            }),
-            count_all(
-                HistogramKind::Distance,
-                vec![HistogramAxis { low: -d_max, high: d_max, bins: DISTANCE_BINS }],
-                &|voxel| [f64::from(roles.distance[voxel]) * self.field.smallest_spacing, 0.0],
+        let largest_f2 = f64::from(extremes.second_derivative) * field.second_derivative_scale();
+        let d_max = f64::from(self.d_max());
+        let value_axis = value_axis(self.grid, self.stored_range.unwrap_or([0.0, 1.0]));
+        let binning = |slope, intercept, axis| Binning { slope, intercept, axis };
+        count(&Quantities {
+            value: (&self.grid.scalars, binning(self.grid.slope, self.grid.intercept, value_axis)),
+            gradient: (
+                voxels(&self.derivatives.gradient_magnitude),
+                binning(field.gradient_scale(), 0.0, gradient_axis),
             ),
-        ]
+            second_derivative: (
+                voxels(&self.derivatives.second_derivative),
+                binning(field.second_derivative_scale(), 0.0, widened(-largest_f2, largest_f2, BINS)),
+            ),
+            hit_gradient: &self.roles.hit_gradient,
+            hit_value: (&self.roles.hit_value, binning(field.value_scale, field.value_offset, value_axis)),
+            distance: (
+                &self.roles.distance,
+                binning(field.smallest_spacing, 0.0, HistogramAxis { low: -d_max, high: d_max, bins: DISTANCE_BINS }),
+            ),
+        })
     }
 
-    fn description(&self) -> Description {
-        let [low, high] = self.grid.scalars.finite_range().unwrap_or_default();
-        let ends = [low, high].map(|end| self.grid.slope.mul_add(end, self.grid.intercept));
+    fn description(&self, extremes: &Extremes, voxels_sha256: [u8; 32]) -> Description {
+        let ends = self.stored_range.unwrap_or_default().map(|end| self.grid.slope.mul_add(end, self.grid.intercept));
         Description {
             made_by: MADE_BY.into(),
-            source: Source { name: self.grid.name.clone(), voxels_sha256: self.grid.voxels_sha256() },
+            source: Source { name: self.grid.name.clone(), voxels_sha256 },
             parameters: self.parameters(),
             statistics: Statistics {
                 value_range: [ends[0].min(ends[1]), ends[0].max(ends[1])],
-                max_gradient: self.largest_gradient(),
+                max_gradient: self.largest_gradient(extremes),
                 hits: self.roles.hits,
                 misses: self.roles.misses(),
                 masked: self.roles.masked,
@@ -259,5 +245,28 @@ impl Prepared<'_> {
             parameters.push(("range-sigma", format!("{:.6} of the range of {}", sigma.share, sigma.field)));
         }
         parameters.into_iter().map(|(name, value)| Parameter { name: name.into(), value }).collect()
+    }
+}
+
+/// What axes and quantisations are made of, in working units.
+struct Extremes {
+    /// Largest gradient magnitude of a voxel; 0 if there is none.
+    gradient: f32,
+    /// Largest magnitude of a second derivative; 0 if there is none.
+    second_derivative: f32,
+    /// Smallest and largest gradient magnitude at a hit; 0 if there is none.
+    hit_gradient: [f32; 2],
+}
+
+impl Extremes {
+    fn new(prepared: &Prepared<'_>) -> Self {
+        let range = |values| par_range_within(values, f32::NEG_INFINITY, f32::INFINITY).unwrap_or_default();
+        let Derivatives { gradient_magnitude, second_derivative } = &prepared.derivatives;
+        let [lowest, highest] = range(voxels(second_derivative));
+        Self {
+            gradient: range(voxels(gradient_magnitude))[1],
+            second_derivative: lowest.abs().max(highest.abs()),
+            hit_gradient: range(&prepared.roles.hit_gradient),
+        }
     }
 }

@@ -52,21 +52,24 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
     let mut watch = Stopwatch::new();
     let (prepared, counts) = compute_roles(grid, settings, progress, &mut watch)?;
     progress.begin("packing", 1);
+    let range_in_working =
+        prepared.stored_range.map_or(0.0, |[low, high]| (high - low) * grid.slope.abs() / prepared.field.value_scale);
+    let noise_share = f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE);
+    let (choice, warning) = (prepared.choice.clone(), prepared.warning.clone());
+    let range_sigma = prepared.range_sigmas.clone();
     let file_bytes = prepared.write(path)?;
     progress.step();
     watch.lap("packing");
-    let [low, high] = grid.scalars.finite_range().unwrap_or_default();
-    let range_in_working = (high - low) * grid.slope.abs() / prepared.field.value_scale;
     Ok(Report {
         input: grid.name.clone(),
         dims: grid.geometry.dims,
         threads: rayon::current_num_threads(),
         seconds: watch.total(),
         stages: watch.into_stages(),
-        noise_share: f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE),
-        range_sigma: prepared.range_sigmas,
-        choice: prepared.choice,
-        warning: prepared.warning,
+        noise_share,
+        range_sigma,
+        choice,
+        warning,
         counts,
         file_bytes,
     })
@@ -139,7 +142,10 @@ pub fn compute_roles<'a>(
         cells: cells.cells.len() as u64,
         mixed_cells: cells.mixed_count(),
     };
-    Ok((Prepared { grid, settings, choice, warning, field, derivatives, roles, noise, range_sigmas }, counts))
+    let stored_range = grid.scalars.finite_range();
+    let prepared =
+        Prepared { grid, stored_range, settings, choice, warning, field, derivatives, roles, noise, range_sigmas };
+    Ok((prepared, counts))
 }
 
 /// Says so where a spline is fitted to edges that are too sharp for it.

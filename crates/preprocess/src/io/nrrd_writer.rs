@@ -113,7 +113,7 @@ pub fn write_numbers<T: LittleEndian>(out: &mut impl Write, values: &[T]) -> io:
     let mut bytes = Vec::with_capacity(values.len().min(CHUNK_NUMBERS) * T::SIZE);
     for chunk in values.chunks(CHUNK_NUMBERS) {
         bytes.clear();
-        chunk.iter().for_each(|value| value.append_le(&mut bytes));
+        T::append_le(chunk, &mut bytes);
         out.write_all(&bytes)?;
     }
     Ok(())

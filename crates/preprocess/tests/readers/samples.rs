@@ -37,7 +37,7 @@ pub fn numbers(scalar_type: ScalarType) -> Scalars {
 /// The numbers' bytes.
 pub fn bytes(scalars: &Scalars, byte_order: ByteOrder) -> Vec<u8> {
     fn append<T: LittleEndian>(values: &[T], bytes: &mut Vec<u8>) {
-        values.iter().for_each(|value| value.append_le(bytes));
+        T::append_le(values, bytes);
     }
     let mut bytes = Vec::new();
     with_scalars!(scalars, values => append(values, &mut bytes));

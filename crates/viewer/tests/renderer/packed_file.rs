@@ -63,13 +63,13 @@ fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
     let layer = |kind, scalar_type, quantization| Layer { kind, scalar_type, quantization };
     let mut writer = Writer::create(path, phantom.geometry.clone())?;
     let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
-    writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), &values, |value| Some(value.into()))?;
+    writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), &values)?;
     let distance_layer = layer(LayerKind::Distance, ScalarType::I16, Quantization::Distance(distance_quantization));
-    writer.write_layer(distance_layer, &distances, |stored| distance_quantization.decode(stored).map(f64::from))?;
+    writer.write_layer(distance_layer, &distances)?;
     let gradient_layer = layer(LayerKind::HitGradient, ScalarType::U16, Quantization::HitGradient(hit_gradient));
-    writer.write_layer(gradient_layer, &gradients, |stored| hit_gradient.decode(stored).map(f64::from))?;
-    writer.write_layer(layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral), &normals, |_| None)?;
-    writer.write_histogram(hit_histogram(phantom, &roles))?;
+    writer.write_layer(gradient_layer, &gradients)?;
+    writer.write_layer(layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral), &normals)?;
+    writer.write_histograms(vec![hit_histogram(phantom, &roles)])?;
     writer.finish(Description {
         made_by: "test".into(),
         source: Source { name: "phantom".into(), voxels_sha256: [0; 32] },

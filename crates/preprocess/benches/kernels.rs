@@ -1,0 +1,85 @@
+//! Times of the kernels: `cargo bench -p voxrole-preprocess --bench kernels`.
+
+use std::path::Path;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use voxrole_pack::layer::Quantization;
+use voxrole_pack::{DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, ScalarType, Scalars, Writer};
+use voxrole_preprocess::Grid;
+use voxrole_preprocess::joint_histogram::{Binning, Quantities, count};
+
+const EDGE: usize = 128;
+const VOXELS: usize = EDGE * EDGE * EDGE;
+
+/// What is packed of a ball with a blurred edge.
+struct Ball {
+    grid: Grid,
+    gradient: Vec<f32>,
+    second_derivative: Vec<f32>,
+    /// NaN farther than four voxels from the edge.
+    distance: Vec<f32>,
+    hit_gradient: Vec<f32>,
+    hit_value: Vec<f32>,
+}
+
+impl Ball {
+    fn new() -> Self {
+        let to_edge = |voxel: usize| {
+            let squares =
+                [voxel % EDGE, voxel / EDGE % EDGE, voxel / (EDGE * EDGE)].map(|index| (index as f32 - 63.5).powi(2));
+            40.0 - squares.iter().sum::<f32>().sqrt()
+        };
+        let field = |of: &dyn Fn(f32) -> f32| -> Vec<f32> { (0..VOXELS).map(|voxel| of(to_edge(voxel))).collect() };
+        let at_hit = |of: &dyn Fn(f32) -> f32| field(&|d| if d.abs() < 4.0 { of(d) } else { f32::NAN });
+        let geometry = GridGeometry::axis_aligned([EDGE as u32; 3], [1.0; 3]);
+        let values = Scalars::F32(field(&|d| 0.5 + 0.5 * d.tanh()));
+        Self {
+            grid: Grid::new("ball", geometry, values).expect("a grid"),
+            gradient: field(&|d| 0.5 / d.cosh().powi(2)),
+            second_derivative: field(&|d| -d.tanh() / d.cosh().powi(2)),
+            distance: at_hit(&|d| d),
+            hit_gradient: at_hit(&|_| 0.5),
+            hit_value: at_hit(&|_| 0.5),
+        }
+    }
+
+    fn quantities(&self) -> Quantities<'_> {
+        let binning = |low, high| Binning { slope: 1.0, intercept: 0.0, axis: HistogramAxis { low, high, bins: 256 } };
+        Quantities {
+            value: (&self.grid.scalars, binning(0.0, 1.0)),
+            gradient: (&self.gradient, binning(0.0, 0.5)),
+            second_derivative: (&self.second_derivative, binning(-0.4, 0.4)),
+            hit_gradient: &self.hit_gradient,
+            hit_value: (&self.hit_value, binning(0.0, 1.0)),
+            distance: (&self.distance, binning(-15.0, 15.0)),
+        }
+    }
+
+    /// Writes two layers, but not the file's end: the disk is not waited for.
+    fn write(&self, path: &Path) {
+        let mut writer = Writer::create(path, self.grid.geometry.clone()).expect("creates");
+        let layer = |kind, scalar_type, quantization| Layer { kind, scalar_type, quantization };
+        let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
+        let Scalars::F32(values) = &self.grid.scalars else { unreachable!("made so") };
+        writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), values).expect("writes");
+        let quantization = DistanceQuantization { d_max: 15.0 };
+        let distance = layer(LayerKind::Distance, ScalarType::I16, Quantization::Distance(quantization));
+        let encode = |d: f32| if d.is_nan() { DistanceQuantization::NO_BOUNDARY } else { quantization.encode(d) };
+        writer.write_encoded_layer(distance, &self.distance, encode).expect("writes");
+    }
+}
+
+fn packing(criterion: &mut Criterion) {
+    let ball = Ball::new();
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut group = criterion.benchmark_group("packing");
+    group.throughput(Throughput::Elements(VOXELS as u64)).sample_size(20);
+    group.bench_function("value range", |bencher| bencher.iter(|| ball.grid.scalars.finite_range()));
+    group.bench_function("sha256", |bencher| bencher.iter(|| ball.grid.voxels_sha256()));
+    group.bench_function("histograms", |bencher| bencher.iter(|| count(&ball.quantities())));
+    group.bench_function("writer", |bencher| bencher.iter(|| ball.write(&folder.path().join("ball.vxr"))));
+    group.finish();
+}
+
+criterion_group!(kernels, packing);
+criterion_main!(kernels);
