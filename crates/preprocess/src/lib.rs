@@ -7,6 +7,7 @@ pub mod bilateral;
 pub mod blur;
 pub mod boundary;
 pub mod bspline;
+pub mod central_difference;
 pub mod continuation;
 pub mod differentiation;
 pub mod directional_derivative;
