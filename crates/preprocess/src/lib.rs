@@ -33,6 +33,7 @@ pub mod reconstruction;
 pub mod report;
 pub mod roles;
 pub mod root_finder;
+pub mod row_windows;
 pub mod sampler;
 pub mod separable_derivative;
 pub mod settings;
