@@ -6,7 +6,8 @@ use std::str::FromStr;
 use glam::Vec3;
 
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils, derivatives};
+use crate::central_difference::derivatives;
+use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils};
 use crate::gaussian::{gaussian, radius_of};
 use crate::holes::Holes;
 use crate::padded_field::{PADDING, PaddedField};

@@ -22,6 +22,15 @@ pub struct Taps {
     pub second: [f32; 3],
 }
 
+impl Taps {
+    /// Whether the first derivative is the difference of the samples on both sides, as it is everywhere but at the ends.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_central(&self) -> bool {
+        self.center == 1 && self.first[1] == 0.0
+    }
+}
+
 impl AxisStencil {
     /// Differences on an axis of `len` samples, `spacing` apart.
     ///

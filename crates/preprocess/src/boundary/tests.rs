@@ -6,7 +6,8 @@ use voxrole_pack::{GridGeometry, Scalars};
 
 use super::*;
 use crate::Grid;
-use crate::directional_derivative::{EdgeOperator, Stencils, derivatives};
+use crate::central_difference::derivatives;
+use crate::directional_derivative::{EdgeOperator, Stencils};
 use crate::sampler::GRAZE;
 use crate::settings::Method;
 use crate::working_field::dims_of;
