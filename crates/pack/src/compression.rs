@@ -139,7 +139,7 @@ mod tests {
     fn what_was_packed_before_does_not_matter() {
         let brick = |seed: u32| -> Vec<u16> {
             (0..32_768_u32)
-                .map(|voxel| (voxel * seed >> 9) as u16 ^ (voxel.wrapping_mul(seed * 77_777) >> 29) as u16)
+                .map(|voxel| ((voxel * seed) >> 9) as u16 ^ (voxel.wrapping_mul(seed * 77_777) >> 29) as u16)
                 .collect()
         };
         let mut packer = Packer::new().expect("a packer");

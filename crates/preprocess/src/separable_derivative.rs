@@ -177,9 +177,8 @@ impl AxisKernel {
     #[inline(always)]
     fn value<const SPLINE: bool>(&self, part: Range<usize>, lines: &[&[f32]; TAPS], s: &mut [f32]) {
         let lines = cut(lines, &part);
-        let s = &mut s[part.clone()];
-        for x in 0..part.len() {
-            s[x] = self.value_of::<SPLINE>(at(&lines, x));
+        for (x, s) in s[part].iter_mut().enumerate() {
+            *s = self.value_of::<SPLINE>(at(&lines, x));
         }
     }
 }
