@@ -84,7 +84,7 @@ impl Writer {
     }
 
     /// Adds a layer that stores `encode` of `values`, all voxels, x fastest. The same bytes must be encoded to the same
-    /// number.
+    /// number. What `encode` captures by value stays in registers.
     ///
     /// # Errors
     /// As [`Self::write_layer`].
@@ -92,7 +92,7 @@ impl Writer {
         &mut self,
         layer: Layer,
         values: &[S],
-        encode: impl Fn(S) -> T + Sync,
+        encode: impl Fn(S) -> T + Copy + Sync,
     ) -> Result<()> {
         if layer.scalar_type != T::TYPE || values.len() != self.geometry.voxel_count() {
             return Err(Error::Parameter(format!(
@@ -108,7 +108,7 @@ impl Writer {
         let workbenches = Reused::default();
         let packed = |brick: usize| -> Result<PackedBrick> {
             workbenches.lend(Workbench::new, |workbench| {
-                workbench.gather(&grid, brick, values, &encode);
+                workbench.gather(&grid, brick, values, encode);
                 workbench.pack(&layer.quantization)
             })?
         };

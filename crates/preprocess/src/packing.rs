@@ -69,7 +69,9 @@ impl Prepared<'_> {
         writer.write_histograms(histograms)?;
         let description = self.description(&extremes, voxels_sha256);
         // Memory is given back while the disk is waited for.
-        let (file_bytes, ()) = rayon::join(|| writer.finish(description), || drop(self));
+        let Self { field, derivatives, roles, .. } = self;
+        let (file_bytes, _) =
+            rayon::join(|| writer.finish(description), || rayon::join(|| drop((field, derivatives)), || drop(roles)));
         Ok(file_bytes?)
     }
 
@@ -97,7 +99,7 @@ impl Prepared<'_> {
             scalar_type: ScalarType::I16,
             quantization: Quantization::Distance(quantization),
         };
-        writer.write_encoded_layer(layer, &self.roles.distance, |distance| match distance {
+        writer.write_encoded_layer(layer, &self.roles.distance, move |distance| match distance {
             MASKED => DistanceQuantization::MASKED,
             distance if distance.is_nan() => DistanceQuantization::NO_BOUNDARY,
             distance => quantization.encode((f64::from(distance) * world_from_working) as f32),
@@ -109,8 +111,9 @@ impl Prepared<'_> {
             scalar_type: ScalarType::U16,
             quantization: Quantization::HitGradient(quantization),
         };
-        writer.write_encoded_layer(layer, &self.roles.hit_gradient, |g: f32| {
-            if g.is_nan() { 0 } else { quantization.encode(self.physical_gradient(g) as f32) }
+        let scale = self.field.gradient_scale();
+        writer.write_encoded_layer(layer, &self.roles.hit_gradient, move |g: f32| {
+            if g.is_nan() { 0 } else { quantization.encode((f64::from(g) * scale) as f32) }
         })?;
 
         let layer =
@@ -135,7 +138,7 @@ impl Prepared<'_> {
                 scalar_type: ScalarType::F32,
                 quantization: Quantization::Linear { slope: 1.0, intercept: 0.0 },
             };
-            let physical = |working: f32| (f64::from(working) * scale) as f32;
+            let physical = move |working: f32| (f64::from(working) * scale) as f32;
             if physical(largest).is_infinite() {
                 return Err(Error::Parameter(format!(
                     "{}: `{}` leaves the range of f32; scale the values or the spacing down",
