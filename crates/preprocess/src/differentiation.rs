@@ -110,9 +110,8 @@ pub fn differentiate(
             (derivatives, GradientSource::Central4(padded))
         }
         Some(degree) => {
-            let mut values = field.values.clone();
-            let holes = Holes::fill(&mut values);
-            let coefficients = Coefficients::new(values, degree)?;
+            let (values, holes) = Holes::filled(&field.values);
+            let coefficients = Coefficients::new(&values, degree)?;
             let kernel = SeparableKernel::spline(degree);
             let mut derivatives = separable_derivatives(&coefficients.field, field.spacing, &kernel, operator);
             let radius = if degree == Degree::Cubic { 1 } else { PADDING };
@@ -128,9 +127,7 @@ pub fn differentiate(
 /// # Errors
 /// [`Error::Pack`] when memory runs out.
 pub fn spline_through(field: &Field, degree: Degree) -> Result<Coefficients> {
-    let mut values = field.clone();
-    Holes::fill(&mut values);
-    Coefficients::new(values, degree)
+    Coefficients::new(&Holes::filled(field).0, degree)
 }
 
 /// The gradient at voxels.

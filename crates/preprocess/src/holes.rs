@@ -3,6 +3,8 @@
 //! A recursive filter makes every voxel of a line depend on every other: one NaN would destroy the volume. So holes are
 //! filled from their rims first, and every voxel whose kernel reaches into a hole is masked afterwards.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use crate::working_field::{Field, dims_of, voxels, voxels_mut};
@@ -10,6 +12,8 @@ use crate::working_field::{Field, dims_of, voxels, voxels_mut};
 /// How many voxels deep a hole is filled layer by layer. What lies deeper is seen from outside the hole through 12 voxels
 /// of the slowest decaying filter, that of the quintic spline: 0.43¹² is 4e-5.
 const LAYERS: usize = 12;
+/// Voxels that are looked at together.
+const BLOCK: usize = 1 << 14;
 
 /// The holes of a field, by voxel.
 #[derive(Clone, Debug)]
@@ -19,14 +23,39 @@ pub struct Holes {
 }
 
 impl Holes {
+    /// The NaN of a field.
+    fn find(field: &Field) -> Self {
+        let blocks = voxels(field).par_chunks(BLOCK).enumerate();
+        // Whole vectors first: most blocks have no hole.
+        let with_holes = blocks.filter(|(_, block)| block.iter().fold(false, |found, value| found | value.is_nan()));
+        let voxels = with_holes.flat_map_iter(|(index, block)| {
+            let holes = block.iter().enumerate().filter(|(_, value)| value.is_nan());
+            holes.map(move |(place, _)| index * BLOCK + place)
+        });
+        Self { voxels: voxels.collect(), dims: dims_of(field) }
+    }
+
+    /// A field without its holes, itself where it has none.
+    pub fn filled(field: &Field) -> (Cow<'_, Field>, Self) {
+        let holes = Self::find(field);
+        if holes.voxels.is_empty() {
+            return (Cow::Borrowed(field), holes);
+        }
+        let mut filled = field.clone();
+        holes.fill_into(&mut filled);
+        (Cow::Owned(filled), holes)
+    }
+
     /// Fills every NaN of a field: layer by layer from the rim by the mean of the known neighbours, and the rest by 0.
     pub fn fill(field: &mut Field) -> Self {
-        let dims = dims_of(field);
-        let all: Vec<usize> = {
-            let source = voxels(field);
-            (0..source.len()).into_par_iter().filter(|&voxel| source[voxel].is_nan()).collect()
-        };
-        let mut unknown = all.clone();
+        let holes = Self::find(field);
+        holes.fill_into(field);
+        holes
+    }
+
+    fn fill_into(&self, field: &mut Field) {
+        let dims = self.dims;
+        let mut unknown = self.voxels.clone();
         for _ in 0..LAYERS {
             if unknown.is_empty() {
                 break;
@@ -42,7 +71,6 @@ impl Holes {
         }
         let target = voxels_mut(field);
         unknown.into_iter().for_each(|voxel| target[voxel] = 0.0);
-        Self { voxels: all, dims }
     }
 
     /// Makes NaN of every voxel within `radius` voxels along each axis of a hole.

@@ -110,7 +110,7 @@ impl Line {
         }
         let value = line.iter().copied().collect();
         let (field, weights) = match self.kernel.spline() {
-            Some(degree) => (Coefficients::new(line, degree)?.field, SeparableKernel::spline(degree)),
+            Some(degree) => (Coefficients::new(&line, degree)?.field, SeparableKernel::spline(degree)),
             None if self.kernel == Kernel::Central2 => (PaddedField::new(&line)?, SeparableKernel::CENTRAL_2),
             None => (PaddedField::new(&line)?, SeparableKernel::CENTRAL_4),
         };

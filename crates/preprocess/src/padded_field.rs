@@ -1,11 +1,12 @@
 //! A field continued a little beyond its faces, so that kernels need no border rule of their own.
 
+use ndarray::{ArrayViewMut3, Axis, s};
 use rayon::prelude::*;
 use voxrole_pack::error::vec_with_capacity;
 
 use crate::Result;
 use crate::continuation::Continued;
-use crate::working_field::{Field, dims_of, voxels};
+use crate::working_field::{Field, dims_of};
 
 /// Samples beyond each face: what a kernel of five taps reaches, and a quintic spline in the outermost cells.
 pub const PADDING: usize = 2;
@@ -25,18 +26,55 @@ impl PaddedField {
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(field: &Field) -> Result<Self> {
-        let dims = dims_of(field);
-        let [row_len, slice_len] = strides(dims);
-        let count = slice_len * padded_len(dims[2]);
-        let mut values = vec_with_capacity(count + SLACK, "the padded value field")?;
-        values.resize(count + SLACK, 0.0);
-        values[..count].par_chunks_mut(slice_len).enumerate().for_each(|(k, slice)| {
-            let mut extended = vec![0.0; row_len];
-            for (j, out) in slice.chunks_mut(row_len).enumerate() {
-                padded_row(field, [j, k].map(|index| index as isize - PADDING as isize), out, &mut extended);
+        let mut padded = Self::zeros(dims_of(field))?;
+        let mut inside = padded.inside_mut();
+        let slices: Vec<_> = inside.axis_iter_mut(Axis(0)).zip(field.axis_iter(Axis(0))).collect();
+        // Added to 0 so that −0 becomes 0, as in every sum beyond the faces.
+        slices.into_par_iter().for_each(|(mut to, from)| to.zip_mut_with(&from, |to, from| *to += from));
+        padded.continue_beyond_faces();
+        Ok(padded)
+    }
+
+    /// Zeros everywhere, for a field of `dims` voxels.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn zeros(dims: [usize; 3]) -> Result<Self> {
+        let [_, slice_len] = strides(dims);
+        Ok(Self { values: zeros(slice_len * padded_len(dims[2]) + SLACK)?, dims })
+    }
+
+    /// The samples inside the faces, indexed (z, y, x).
+    pub(crate) fn inside_mut(&mut self) -> ArrayViewMut3<'_, f32> {
+        let [nx, ny, nz] = self.dims.map(padded_len);
+        let shape = (nz, ny, nx);
+        let all = ArrayViewMut3::from_shape(shape, &mut self.values[..nx * ny * nz]).expect("as many as were made");
+        let [nx, ny, nz] = self.dims.map(|dim| PADDING..PADDING + dim);
+        all.slice_move(s![nz, ny, nx])
+    }
+
+    /// Makes what lies beyond the faces of what lies inside.
+    pub(crate) fn continue_beyond_faces(&mut self) {
+        let dims @ [nx, ny, nz] = self.dims;
+        let [row_len, slice_len] = self.strides();
+        let count = slice_len * padded_len(nz);
+        let (before, rest) = self.values[..count].split_at_mut(PADDING * slice_len);
+        let (inside, behind) = rest.split_at_mut(nz * slice_len);
+        inside.par_chunks_mut(slice_len).for_each(|slice| {
+            let (before, rest) = slice.split_at_mut(PADDING * row_len);
+            let (inside, behind) = rest.split_at_mut(ny * row_len);
+            inside.chunks_exact_mut(row_len).for_each(|row| continue_row(row, nx));
+            for (y, row) in beyond(before, behind, row_len, ny) {
+                sum_of_rows(row, Continued::new(y, ny).terms(ny).map(|(j, weight)| (&inside[j * row_len..], weight)));
             }
         });
-        Ok(Self { values, dims })
+        let inside = &*inside;
+        let slices: Vec<_> = beyond(before, behind, slice_len, nz).collect();
+        slices.into_par_iter().for_each(|(z, slice)| {
+            for (y, row) in slice.chunks_exact_mut(row_len).enumerate() {
+                sum_of_rows(row, rows_around(inside, dims, [y as isize - PADDING as isize, z]));
+            }
+        });
     }
 
     /// Voxels along x, y, z without padding.
@@ -69,30 +107,52 @@ fn padded_len(len: usize) -> usize {
     len.max(2) + 2 * PADDING
 }
 
-/// The padded row at (y, z), inside or beyond the faces.
-fn padded_row(field: &Field, [y, z]: [isize; 2], out: &mut [f32], extended: &mut [f32]) {
-    let [nx, ny, nz] = dims_of(field);
+/// Rows or slices before the first one inside and behind the last, each with its index.
+fn beyond<'a>(
+    before: &'a mut [f32],
+    behind: &'a mut [f32],
+    each: usize,
+    len: usize,
+) -> impl Iterator<Item = (isize, &'a mut [f32])> {
+    let before = (-(PADDING as isize)..).zip(before.chunks_exact_mut(each));
+    before.chain((len as isize..).zip(behind.chunks_exact_mut(each)))
+}
+
+/// The rows inside, already continued along x, that the row at (y, z) is a sum of, with their weights.
+fn rows_around(inside: &[f32], [nx, ny, nz]: [usize; 3], [y, z]: [isize; 2]) -> impl Iterator<Item = (&[f32], f32)> {
+    let [row_len, slice_len] = strides([nx, ny, nz]);
+    Continued::new(z, nz).terms(nz).flat_map(move |(k, weight_z)| {
+        let terms = Continued::new(y, ny).terms(ny);
+        terms.map(move |(j, weight_y)| (&inside[k * slice_len + (PADDING + j) * row_len..], weight_y * weight_z))
+    })
+}
+
+fn sum_of_rows<'a>(out: &mut [f32], rows: impl Iterator<Item = (&'a [f32], f32)>) {
     out.fill(0.0);
-    let source = voxels(field);
-    // A row beyond the faces is a sum of rows inside.
-    for (k, weight_z) in Continued::new(z, nz).terms(nz) {
-        for (j, weight_y) in Continued::new(y, ny).terms(ny) {
-            let weight = weight_y * weight_z;
-            let row = &source[(k * ny + j) * nx..][..nx];
-            extend(row, extended);
-            out.iter_mut().zip(&*extended).for_each(|(out, value)| *out += weight * value);
-        }
+    for (row, weight) in rows {
+        out.iter_mut().zip(row).for_each(|(out, value)| *out += weight * value);
     }
 }
 
-/// A row with its continuation.
-fn extend(row: &[f32], out: &mut [f32]) {
-    let inside = PADDING..PADDING + row.len();
-    out[inside.clone()].copy_from_slice(row);
-    for place in (0..out.len()).filter(|place| !inside.contains(place)) {
-        let continued = Continued::new(place as isize - PADDING as isize, row.len());
-        out[place] = continued.terms(row.len()).map(|(inside, weight)| weight * row[inside]).sum();
+/// Continues a padded row of `len` samples.
+fn continue_row(row: &mut [f32], len: usize) {
+    let inside = PADDING..PADDING + len;
+    for place in (0..row.len()).filter(|place| !inside.contains(place)) {
+        let continued = Continued::new(place as isize - PADDING as isize, len);
+        row[place] =
+            continued.terms(len).map(|(inside, weight)| weight * row[PADDING + inside]).fold(0.0, |a, b| a + b);
     }
+}
+
+/// Zeros, written by all threads, so that each is given its part of the memory at the same time.
+fn zeros(len: usize) -> Result<Vec<f32>> {
+    const BLOCK: usize = 1 << 12;
+    let blocks = len.div_ceil(BLOCK);
+    let mut values: Vec<[f32; BLOCK]> = vec_with_capacity(blocks, "the padded value field")?;
+    (0..blocks).into_par_iter().map(|_| [0.0; BLOCK]).collect_into_vec(&mut values);
+    let mut values = values.into_flattened();
+    values.truncate(len);
+    Ok(values)
 }
 
 #[cfg(test)]

@@ -446,7 +446,7 @@ mod tests {
         let field = noise([6, 7, 8], 11);
         let spacing = [1.0, 2.0, 1.5];
         for degree in [Degree::Cubic, Degree::Quintic] {
-            let coefficients = Coefficients::new(field.clone(), degree).expect("fits");
+            let coefficients = Coefficients::new(&field, degree).expect("fits");
             let kernel = SeparableKernel::spline(degree);
             let found = separable_derivatives(&coefficients.field, spacing, &kernel, EdgeOperator::SecondDerivative);
             let evaluator = Evaluator::new(&coefficients, spacing);

@@ -1,7 +1,10 @@
 //! Cells that can hold a zero crossing of f'', and how far every other cell is from one.
 
+use multiversion::multiversion;
+use ndarray::{ArrayViewMut2, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
+use crate::row_windows::{WINDOW, windows};
 use crate::working_field::{Field, dims_of, voxels};
 
 /// Distances beyond this many cells are not told apart: longer leaps are rare and save nothing measurable.
@@ -23,114 +26,170 @@ pub struct CellDistances {
 
 impl CellDistances {
     /// Classifies the cells of a field of f''.
+    ///
+    /// The distance is found axis by axis: with one of two cells dx apart along x and dy along y, the larger counts, so that
+    /// `d(y) = min over n of max(|n|, dx(y + n))`. Per voxel 4 bytes are read, 2 written and 1 read again, for about 150
+    /// operations on bytes (three for every step and axis), 32 at a time with AVX2.
     #[must_use]
     pub fn new(second_derivative: &Field) -> Self {
-        let mut distances = Self::mixed_cells(second_derivative);
-        distances.spread();
-        distances
+        let voxel_dims = dims_of(second_derivative);
+        let dims @ [nx, ny, nz] = voxel_dims.map(|dim| dim.saturating_sub(1).max(1));
+        let mut cells = vec![0; nx * ny * nz];
+        let slabs = cells.par_chunks_mut(nx * ny * SLAB).enumerate();
+        slabs.for_each_init(
+            || SlabBuffers::new(dims),
+            |buffers, (slab, cells)| {
+                fill_slab(voxels(second_derivative), voxel_dims, slab * SLAB, buffers, cells);
+            },
+        );
+        let mut volume = ArrayViewMut3::from_shape((nz, ny, nx), &mut cells).expect("as many as were made");
+        let across: Vec<_> = volume.axis_iter_mut(Axis(1)).collect();
+        across
+            .into_par_iter()
+            .for_each_init(|| padded_lines(nz, nx), |lines, mut plane| spread_across(&mut plane, lines));
+        Self { cells, dims }
     }
 
     /// Number of mixed cells.
     #[must_use]
     pub fn mixed_count(&self) -> u64 {
-        self.cells.par_iter().filter(|&&distance| distance == 0).count() as u64
-    }
-
-    /// 0 for mixed cells and [`FARTHEST`] for all others.
-    fn mixed_cells(second_derivative: &Field) -> Self {
-        let voxel_dims @ [nx, ny, nz] = dims_of(second_derivative);
-        let dims = voxel_dims.map(|dim| dim.saturating_sub(1).max(1));
-        let source = voxels(second_derivative);
-        let mut cells = vec![FARTHEST; dims.iter().product()];
-        cells.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each_init(
-            || vec![0_u8; nx],
-            |column, (k, slice)| {
-                for (j, row) in slice.chunks_mut(dims[0]).enumerate() {
-                    column.fill(0);
-                    for (k, j) in [(k, j), (k, j + 1), (k + 1, j), (k + 1, j + 1)] {
-                        let start = (k.min(nz - 1) * ny + j.min(ny - 1)) * nx;
-                        let samples = &source[start..start + nx];
-                        column.iter_mut().zip(samples).for_each(|(signs, &sample)| *signs |= sign_bit(sample));
-                    }
-                    let next = column.iter().skip(1).chain(column.last());
-                    for ((cell, &here), &there) in row.iter_mut().zip(&*column).zip(next) {
-                        let signs = here | there;
-                        *cell = if signs & NAN == 0 && signs.is_power_of_two() { FARTHEST } else { 0 };
-                    }
-                }
-            },
-        );
-        Self { cells, dims }
-    }
-
-    /// Grows the mixed set by one cell at a time: after step n, every cell within distance n holds its distance. Each
-    /// step takes the minimum over the 3×3×3 neighbourhood, axis by axis.
-    fn spread(&mut self) {
-        let [nx, ny, _] = self.dims;
-        let slice_len = nx * ny;
-        let mut rows = vec![0_u8; self.cells.len()];
-        for distance in 1..FARTHEST {
-            rows.par_chunks_mut(slice_len).zip(self.cells.par_chunks(slice_len)).for_each_init(
-                || vec![0_u8; slice_len],
-                |along_x, (out, slice)| {
-                    for (out, row) in along_x.chunks_mut(nx).zip(slice.chunks(nx)) {
-                        minimum_of_neighbours(out, row);
-                    }
-                    for (j, out) in out.chunks_mut(nx).enumerate() {
-                        let row = |j: usize| &along_x[j * nx..][..nx];
-                        minimum_of_three(out, row(j.saturating_sub(1)), row(j), row((j + 1).min(ny - 1)));
-                    }
-                },
-            );
-            let slices = rows.len() / slice_len;
-            let changed = self
-                .cells
-                .par_chunks_mut(slice_len)
-                .enumerate()
-                .map(|(k, slice)| {
-                    let other = |k: usize| &rows[k * slice_len..][..slice_len];
-                    let neighbours =
-                        other(k.saturating_sub(1)).iter().zip(other(k)).zip(other((k + 1).min(slices - 1)));
-                    let mut changed = false;
-                    for (cell, ((&low, &here), &high)) in slice.iter_mut().zip(neighbours) {
-                        let reached = *cell == FARTHEST && low.min(here).min(high) == distance - 1;
-                        *cell = if reached { distance } else { *cell };
-                        changed |= reached;
-                    }
-                    changed
-                })
-                .reduce(|| false, |a, b| a | b);
-            if !changed {
-                break;
-            }
-        }
+        let count = |cells: &[u8]| cells.iter().filter(|&&distance| distance == 0).count() as u64;
+        self.cells.par_chunks(1 << 16).map(count).sum()
     }
 }
+
+/// Slices that a thread takes at a time; each needs the signs of one slice more.
+const SLAB: usize = 8;
+
+/// How far away a cell is looked for.
+const REACH: usize = FARTHEST as usize - 1;
 
 const NEGATIVE: u8 = 1;
 const ZERO: u8 = 2;
 const POSITIVE: u8 = 4;
 const NAN: u8 = 8;
 
-#[inline(always)]
-fn sign_bit(sample: f32) -> u8 {
-    let [negative, zero, positive] = [sample < 0.0, sample == 0.0, sample > 0.0].map(u8::from);
-    let ordered = negative * NEGATIVE + zero * ZERO + positive * POSITIVE;
-    if ordered == 0 { NAN } else { ordered }
+/// `count` lines of bytes, and as many before and behind them as are looked at, without a mixed cell.
+fn padded_lines(count: usize, len: usize) -> Vec<u8> {
+    vec![FARTHEST; (count + 2 * REACH) * len]
 }
 
-fn minimum_of_neighbours(out: &mut [u8], row: &[u8]) {
-    let last = row.len() - 1;
-    out[0] = row[0].min(row[last.min(1)]);
-    out[last] = row[last].min(row[last.saturating_sub(1)]);
-    if last >= 2 {
-        minimum_of_three(&mut out[1..last], &row[..last - 1], &row[1..last], &row[2..]);
+struct SlabBuffers {
+    /// Cells along x, y.
+    dims: [usize; 2],
+    /// Signs of two neighbouring rows of voxels.
+    rows: [Vec<u8>; 2],
+    /// Signs at the cells' corners in the slices below and above.
+    corners: [Vec<u8>; 2],
+    /// A row of cells.
+    row: Vec<u8>,
+    /// A slice's distances along x.
+    along_x: Vec<u8>,
+}
+
+impl SlabBuffers {
+    fn new([nx, ny, _]: [usize; 3]) -> Self {
+        let zeros = |len| vec![0; len];
+        Self {
+            dims: [nx, ny],
+            rows: [zeros(nx + 1), zeros(nx + 1)],
+            corners: [zeros(nx * ny), zeros(nx * ny)],
+            row: padded_lines(nx, 1),
+            along_x: padded_lines(ny, nx),
+        }
     }
 }
 
-fn minimum_of_three(out: &mut [u8], low: &[u8], here: &[u8], high: &[u8]) {
-    for (((out, &low), &here), &high) in out.iter_mut().zip(low).zip(here).zip(high) {
-        *out = low.min(here).min(high);
+/// Distances along x and y of some slices of cells.
+#[multiversion(targets("x86_64+avx2"))]
+fn fill_slab(source: &[f32], dims: [usize; 3], first: usize, buffers: &mut SlabBuffers, cells: &mut [u8]) {
+    let [nx, ny, nz] = dims;
+    let slice = |k: usize| &source[k.min(nz - 1) * nx * ny..][..nx * ny];
+    let SlabBuffers { dims: cell_dims, rows, corners: [below, above], row, along_x } = buffers;
+    let [cells_x, cells_y] = *cell_dims;
+    corner_signs(slice(first), [nx, ny], rows, below, cells_x);
+    for (k, cells) in cells.chunks_exact_mut(cells_x * cells_y).enumerate() {
+        corner_signs(slice(first + k + 1), [nx, ny], rows, above, cells_x);
+        for (j, (below, above)) in below.chunks_exact(cells_x).zip(above.chunks_exact(cells_x)).enumerate() {
+            mark_mixed(&mut row[REACH..][..cells_x], below, above);
+            spread(&mut along_x[(REACH + j) * cells_x..][..cells_x], row, 1);
+        }
+        for (j, cells) in cells.chunks_exact_mut(cells_x).enumerate() {
+            spread(cells, &along_x[j * cells_x..], cells_x);
+        }
+        std::mem::swap(below, above);
+    }
+}
+
+/// Distances along z of a plane.
+#[multiversion(targets("x86_64+avx2"))]
+fn spread_across(plane: &mut ArrayViewMut2<'_, u8>, lines: &mut [u8]) {
+    let len = plane.ncols();
+    for (line, row) in lines[REACH * len..].chunks_exact_mut(len).zip(plane.rows()) {
+        line.copy_from_slice(row.to_slice().expect("rows are contiguous"));
+    }
+    for (row, lines) in plane.rows_mut().into_iter().zip((0..).map(|k| &lines[k * len..])) {
+        spread(row.into_slice().expect("rows are contiguous"), lines, len);
+    }
+}
+
+/// The signs at the four corners that cells have in a slice of voxels.
+#[inline(always)]
+fn corner_signs(slice: &[f32], [nx, ny]: [usize; 2], rows: &mut [Vec<u8>; 2], corners: &mut [u8], cells_x: usize) {
+    let [row, next] = rows;
+    signs(&mut row[..nx], &slice[..nx]);
+    for (j, corners) in corners.chunks_exact_mut(cells_x).enumerate() {
+        signs(&mut next[..nx], &slice[(j + 1).min(ny - 1) * nx..][..nx]);
+        let right = usize::from(nx > 1);
+        let (row_left, row_right) = (&row[..cells_x], &row[right..][..cells_x]);
+        let (next_left, next_right) = (&next[..cells_x], &next[right..][..cells_x]);
+        for i in 0..cells_x {
+            corners[i] = (row_left[i] | row_right[i]) | (next_left[i] | next_right[i]);
+        }
+        std::mem::swap(row, next);
+    }
+}
+
+#[inline(always)]
+fn signs(out: &mut [u8], samples: &[f32]) {
+    for (out, &sample) in out.iter_mut().zip(samples) {
+        let ordered =
+            u8::from(sample < 0.0) * NEGATIVE + u8::from(sample == 0.0) * ZERO + u8::from(sample > 0.0) * POSITIVE;
+        *out = ordered + u8::from(sample.is_nan()) * NAN;
+    }
+}
+
+/// 0 where signs differ or a corner is NaN, [`FARTHEST`] elsewhere.
+#[inline(always)]
+fn mark_mixed(cells: &mut [u8], below: &[u8], above: &[u8]) {
+    for ((cell, &below), &above) in cells.iter_mut().zip(below).zip(above) {
+        let signs = below | above;
+        *cell = u8::from(signs == NEGATIVE || signs == ZERO || signs == POSITIVE) * FARTHEST;
+    }
+}
+
+/// Distances along one more axis: `min over n of max(|n|, lines[REACH + n])`, the lines `step` apart.
+#[inline(always)]
+fn spread(out: &mut [u8], lines: &[u8], step: usize) {
+    for part in windows(out.len()) {
+        if part.len() == WINDOW {
+            spread_part(&mut out[part.start..part.start + WINDOW], &lines[part.start..], step);
+        } else {
+            spread_part(&mut out[part.clone()], &lines[part.start..], step);
+        }
+    }
+}
+
+#[inline(always)]
+fn spread_part(out: &mut [u8], lines: &[u8], step: usize) {
+    let len = out.len();
+    out.copy_from_slice(&lines[REACH * step..][..len]);
+    for distance in 1..FARTHEST {
+        let low = &lines[(REACH - usize::from(distance)) * step..][..len];
+        let high = &lines[(REACH + usize::from(distance)) * step..][..len];
+        for i in 0..len {
+            out[i] = out[i].min(low[i].min(high[i]).max(distance));
+        }
     }
 }
 

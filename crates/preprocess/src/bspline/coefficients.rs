@@ -4,7 +4,7 @@ use super::Degree;
 use super::prefilter::prefilter;
 use crate::Result;
 use crate::padded_field::PaddedField;
-use crate::working_field::Field;
+use crate::working_field::{Field, dims_of};
 
 /// The coefficients of the spline through a field's samples.
 #[derive(Clone, Debug)]
@@ -21,8 +21,10 @@ impl Coefficients {
     ///
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
-    pub fn new(mut field: Field, degree: Degree) -> Result<Self> {
-        prefilter(&mut field, degree);
-        Ok(Self { field: PaddedField::new(&field)?, degree })
+    pub fn new(field: &Field, degree: Degree) -> Result<Self> {
+        let mut coefficients = PaddedField::zeros(dims_of(field))?;
+        prefilter(field, &mut coefficients, degree);
+        coefficients.continue_beyond_faces();
+        Ok(Self { field: coefficients, degree })
     }
 }

@@ -240,7 +240,7 @@ mod tests {
         fn the_spline_goes_through_every_sample(dims in prop::array::uniform3(1_usize..12), seed in any::<u32>()) {
             let field = noise(dims, seed);
             for degree in DEGREES {
-                let coefficients = Coefficients::new(field.clone(), degree).expect("fits");
+                let coefficients = Coefficients::new(&field, degree).expect("fits");
                 let evaluator = Evaluator::new(&coefficients, [1.0; 3]);
                 for ((k, j, i), &expected) in field.indexed_iter() {
                     // The last sample of an axis is the far end of its last cell.
@@ -262,7 +262,7 @@ mod tests {
             let field = noise([6, 6, 6], seed);
             let spacing = [1.0, 2.0, 4.0];
             for degree in DEGREES {
-                let coefficients = Coefficients::new(field.clone(), degree).expect("fits");
+                let coefficients = Coefficients::new(&field, degree).expect("fits");
                 let evaluator = Evaluator::new(&coefficients, spacing);
                 let h = 0.1_f32;
                 let jet_at = |offset: [f32; 3]| {
@@ -294,7 +294,7 @@ mod tests {
     fn gradients_at_samples_are_those_between_them() {
         let field = noise([5, 7, 6], 3);
         for degree in DEGREES {
-            let coefficients = Coefficients::new(field.clone(), degree).expect("fits");
+            let coefficients = Coefficients::new(&field, degree).expect("fits");
             let evaluator = Evaluator::new(&coefficients, [1.0, 1.5, 2.0]);
             // At the far corner itself there is no cell, but a gradient.
             assert!(evaluator.gradient_at_sample([5, 6, 4]).is_finite());
@@ -310,7 +310,7 @@ mod tests {
     fn ramps_are_exact_up_to_the_faces() {
         let field = Array3::from_shape_fn((5, 4, 7), |(k, j, i)| 0.5 * i as f32 - 0.25 * j as f32 + 0.125 * k as f32);
         for degree in DEGREES {
-            let coefficients = Coefficients::new(field.clone(), degree).expect("fits");
+            let coefficients = Coefficients::new(&field, degree).expect("fits");
             let evaluator = Evaluator::new(&coefficients, [1.0; 3]);
             for cell in [[0, 0, 0], [5, 2, 3], [0, 2, 0], [3, 1, 2]] {
                 for fraction in [[0.0; 3], [1.0; 3], [0.3, 0.6, 0.9]] {
@@ -327,7 +327,7 @@ mod tests {
         for (degree, power) in [(Degree::Cubic, 3), (Degree::Quintic, 5)] {
             let x = |index: f32| (index - 24.0) / 8.0;
             let field = Array3::from_shape_fn((1, 1, 49), |(_, _, i)| x(i as f32).powi(power));
-            let coefficients = Coefficients::new(field, degree).expect("fits");
+            let coefficients = Coefficients::new(&field, degree).expect("fits");
             let evaluator = Evaluator::new(&coefficients, [0.125, 1.0, 1.0]);
             for fraction in [0.0, 0.3, 0.75] {
                 let jet = evaluator.jet(&at([27, 0, 0], [fraction, 0.0, 0.0]));
