@@ -253,7 +253,7 @@ mod tests {
         }
     }
 
-    /// Largest errors of gradient and f'' at the places that a grid of spacing `h` and its refinements share.
+    /// Root mean square errors of gradient and f'' at the places that a grid of spacing `h` and its refinements share.
     fn errors(kernel: Kernel, h: f64, refinement: u32) -> [f64; 2] {
         // Far enough from the faces for what their continuation changes to have decayed.
         let (spacing, inner) = (h / f64::from(refinement), 20 * refinement);
@@ -261,9 +261,10 @@ mod tests {
         let mut field = sampled(dims, [spacing; 3], |[x, y, z]| (x + 0.3 * y).sin() * (0.7 * z).cos());
         let (derivatives, source) = differentiate(&mut field, kernel, EdgeOperator::SecondDerivative).expect("fits");
         let gradient = Gradient::new(&field, &source);
-        let mut largest = [0.0_f64; 2];
-        for offset in -2..=2_i32 {
-            let place = [inner, inner, inner].map(|index| (index as i32 + offset * refinement as i32) as usize);
+        let mut squares = [0.0_f64; 2];
+        let offsets = (0..125).map(|place| [place % 5, place / 5 % 5, place / 25].map(|steps| steps * refinement));
+        for offset in offsets {
+            let place = offset.map(|offset| (inner - 2 * refinement + offset) as usize);
             let [x, y, z] = place.map(|index| index as f64 * spacing);
             let (phase, depth) = (x + 0.3 * y, 0.7 * z);
             let (across, along) = (phase.cos() * depth.cos(), -0.7 * phase.sin() * depth.sin());
@@ -278,10 +279,10 @@ mod tests {
             let found = gradient.at(place).as_dvec3() * field.gradient_scale();
             let [i, j, k] = place;
             let second = f64::from(derivatives.second_derivative[[k, j, i]]) * field.second_derivative_scale();
-            largest[0] = largest[0].max((found - exact).length());
-            largest[1] = largest[1].max((second - normal.dot(hessian * normal)).abs());
+            squares[0] += (found - exact).length_squared();
+            squares[1] += (second - normal.dot(hessian * normal)).powi(2);
         }
-        largest
+        squares.map(|sum| (sum / 125.0).sqrt())
     }
 
     #[test]
@@ -294,15 +295,17 @@ mod tests {
             (Kernel::Central2, 0.4, [2.0, 2.0]),
             (Kernel::Central4, 0.8, [4.0, 4.0]),
             (Kernel::CubicSpline, 0.8, [4.0, 2.0]),
-            (Kernel::QuinticSpline, 0.9, [6.0, 4.0]),
+            (Kernel::QuinticSpline, 1.0, [6.0, 4.0]),
             (Kernel::Gaussian(1.0), 0.3, [2.0, 2.0]),
         ] {
             let [coarse, fine] = [1, 2].map(|refinement| errors(kernel, h, refinement));
             for quantity in 0..2 {
                 let order = (coarse[quantity] / fine[quantity]).log2();
                 eprintln!("{kernel}: order {order:.2} from {:e}, {:e}", coarse[quantity], fine[quantity]);
+                // The quintic spline's next term still counts where the first is above the rounding of f32.
+                let more = if kernel == Kernel::QuinticSpline { 0.5 } else { 0.3 };
                 assert!(
-                    (order - expected[quantity]).abs() < 0.3,
+                    (-0.3..more).contains(&(order - expected[quantity])),
                     "{kernel}: order {order} of {:?}",
                     expected[quantity]
                 );

@@ -1,7 +1,7 @@
 //! Voxels without a number, for kernels that would carry them through the whole volume.
 //!
-//! A recursive filter makes every voxel of a line depend on every other: one NaN would destroy the volume. So holes are
-//! filled from their rims first, and every voxel whose kernel reaches into a hole is masked afterwards.
+//! A spline's filter would spread one NaN over a cube of 49 voxels, though weights fall off within a few. So holes are filled
+//! from their rims first, and every voxel whose kernel reaches into a hole is masked afterwards.
 
 use std::borrow::Cow;
 
@@ -11,7 +11,7 @@ use crate::working_field::{Field, dims_of, voxels, voxels_mut};
 
 /// How many voxels deep a hole is filled layer by layer. What lies deeper is seen from outside the hole through 12 voxels
 /// of the slowest decaying filter, that of the quintic spline: 0.43¹² is 4e-5.
-const LAYERS: usize = 12;
+pub const LAYERS: usize = 12;
 /// Voxels that are looked at together.
 const BLOCK: usize = 1 << 14;
 

@@ -8,7 +8,7 @@ use crate::padded_field::{PADDING, PaddedField};
 use crate::separable_derivative::SeparableKernel;
 use crate::working_field::Field;
 
-/// Voxels over which the impulse response of a recursive filter decays: 0.43³² is 2e-12.
+/// Voxels over which the impulse response of a spline's filter decays: 0.43³² is 2e-12.
 const DECAY: usize = 32;
 
 /// Standard deviations of derivatives where the value is white noise of deviation 1 and nothing else.

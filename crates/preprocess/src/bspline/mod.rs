@@ -23,10 +23,19 @@ pub enum Degree {
 
 impl Degree {
     /// The poles of the recursive filter that turns samples into coefficients, Unser 1999, table in box 2.
-    const fn poles(self) -> &'static [f32] {
+    const fn poles(self) -> &'static [f64] {
         match self {
-            Self::Cubic => &[-0.267_949_2],
-            Self::Quintic => &[-0.430_575_35, -0.043_096_29],
+            Self::Cubic => &[-0.267_949_192_431_122_7],
+            Self::Quintic => &[-0.430_575_347_099_973_8, -0.043_096_288_203_264_66],
+        }
+    }
+
+    /// How many samples away, along an axis, a coefficient still depends on: farther ones change no digit of f32.
+    #[must_use]
+    pub const fn reach(self) -> usize {
+        match self {
+            Self::Cubic => 15,
+            Self::Quintic => 24,
         }
     }
 
