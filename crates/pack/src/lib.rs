@@ -23,6 +23,7 @@ pub mod quantization;
 pub mod reader;
 pub mod reused;
 pub mod scalar;
+pub mod unfinished;
 pub mod value_range;
 pub mod writer;
 

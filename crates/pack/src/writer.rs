@@ -1,6 +1,7 @@
 //! Writes a packed file, layer by layer.
 
 use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -8,7 +9,7 @@ use rayon::prelude::*;
 use crate::atomic_file::AtomicFile;
 use crate::brick::BrickGrid;
 use crate::codec::{self, MAX_DIRECTORY_BYTES, MAX_HEADER_BYTES};
-use crate::compression::{Encoding, Packer, all_same};
+use crate::compression::{self, Encoding, Packer, all_same};
 use crate::directory::{BrickEntry, Directory, Extent};
 use crate::geometry::GridGeometry;
 use crate::header::{Header, Parameter, Source, Statistics};
@@ -104,22 +105,36 @@ impl Writer {
                 layer.scalar_type.name()
             )));
         }
-        let grid = BrickGrid::new(self.geometry.dims_usize());
-        let workbenches = Reused::default();
-        let packed = |brick: usize| -> Result<PackedBrick> {
-            workbenches.lend(Workbench::new, |workbench| {
-                workbench.gather(&grid, brick, values, encode);
-                workbench.pack(&layer.quantization)
-            })?
-        };
-        let mut entries = Vec::with_capacity(grid.len());
-        for first in (0..grid.len()).step_by(BRICKS_IN_FLIGHT) {
-            let bricks = first..(first + BRICKS_IN_FLIGHT).min(grid.len());
-            // Bricks differ too much in work for more than one to be taken at a time.
-            let packed: Vec<_> = bricks.into_par_iter().with_max_len(1).map(packed).collect::<Result<_>>()?;
-            for PackedBrick { encoding, bytes, crc32, range } in packed {
-                entries.push(BrickEntry { extent: self.append_extent(encoding, &bytes, crc32)?, range });
+        let packer = LayerPacker::new(&layer, self.geometry.dims_usize(), values, encode);
+        let mut entries = Vec::with_capacity(packer.grid.len());
+        for first in (0..packer.grid.len()).step_by(BRICKS_IN_FLIGHT) {
+            for brick in packer.pack(first..(first + BRICKS_IN_FLIGHT).min(packer.grid.len()))? {
+                entries.push(self.append_brick(&brick)?);
             }
+        }
+        self.layers.push(layer);
+        self.directory.layers.push(entries);
+        Ok(())
+    }
+
+    /// Adds a layer whose bricks are packed already; they come in the order of the grid, x fastest.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when there are more or fewer of them than the grid has, [`Error::Io`] when writing fails, and
+    /// whatever a brick comes with.
+    pub fn write_packed_layer(
+        &mut self,
+        layer: Layer,
+        bricks: impl IntoIterator<Item = Result<PackedBrick>>,
+    ) -> Result<()> {
+        let expected = BrickGrid::new(self.geometry.dims_usize()).len();
+        let mut entries = Vec::with_capacity(expected);
+        for brick in bricks {
+            entries.push(self.append_brick(&brick?)?);
+        }
+        if entries.len() != expected {
+            let (name, found) = (layer.kind.name(), entries.len());
+            return Err(Error::Parameter(format!("layer `{name}`: {found} bricks given, {expected} expected")));
         }
         self.layers.push(layer);
         self.directory.layers.push(entries);
@@ -187,6 +202,10 @@ impl Writer {
         Ok(offset)
     }
 
+    fn append_brick(&mut self, brick: &PackedBrick) -> Result<BrickEntry> {
+        Ok(BrickEntry { extent: self.append_extent(brick.encoding, &brick.bytes, brick.crc32)?, range: brick.range })
+    }
+
     fn append_extent(&mut self, encoding: Encoding, bytes: &[u8], crc32: u32) -> Result<Extent> {
         let TableExtent { offset, bytes: stored_bytes, crc32 } = self.append_section(bytes, crc32)?;
         Ok(Extent { offset, stored_bytes, crc32, encoding })
@@ -204,11 +223,89 @@ impl Writer {
 }
 
 /// A brick, ready to be written.
-struct PackedBrick {
-    encoding: Encoding,
-    bytes: Vec<u8>,
-    crc32: u32,
-    range: Option<ValueRange>,
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedBrick {
+    /// How `bytes` are to be unpacked.
+    pub encoding: Encoding,
+    /// The stored bytes.
+    pub bytes: Vec<u8>,
+    /// Their CRC-32.
+    pub crc32: u32,
+    /// Range of the physical values, or `None` if no voxel has one.
+    pub range: Option<ValueRange>,
+}
+
+impl PackedBrick {
+    /// The `len` numbers of the brick.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when the bytes are damaged.
+    pub fn unpack<T: LittleEndian>(&self, len: usize) -> Result<Vec<T>> {
+        compression::unpack(self.encoding, &self.bytes, len)
+    }
+}
+
+/// Packs all bricks of a layer of a block of `dims` voxels, in the order of its grid: `encode` of `values`, x fastest. A
+/// volume's block that begins at multiples of [`crate::brick::BRICK_EDGE`] has the same bricks as the volume.
+///
+/// # Errors
+/// [`Error::Io`] when zstd fails.
+///
+/// # Panics
+/// When there are fewer values than voxels.
+pub fn pack_bricks<S: LittleEndian, T: Scalar>(
+    layer: &Layer,
+    dims: [usize; 3],
+    values: &[S],
+    encode: impl Fn(S) -> T + Copy + Sync,
+) -> Result<Vec<PackedBrick>> {
+    let packer = LayerPacker::new(layer, dims, values, encode);
+    packer.pack(0..packer.grid.len())
+}
+
+/// Packs single bricks, on any thread.
+#[derive(Default)]
+pub struct BrickPacker<T>(Reused<Workbench<T>>);
+
+impl<T: Scalar> BrickPacker<T> {
+    /// Packs a brick of a layer: `encode` of all its values, x fastest.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when zstd fails.
+    pub fn pack<S: LittleEndian>(&self, layer: &Layer, values: &[S], encode: impl Fn(S) -> T) -> Result<PackedBrick> {
+        self.0.lend(Workbench::new, |workbench| {
+            workbench.stored.clear();
+            workbench.stored.extend(values.iter().map(|&value| encode(value)));
+            workbench.pack(&layer.quantization)
+        })?
+    }
+}
+
+/// Packs the bricks of a layer on every thread.
+struct LayerPacker<'a, S, T, E> {
+    grid: BrickGrid,
+    quantization: Quantization,
+    values: &'a [S],
+    encode: E,
+    workbenches: Reused<Workbench<T>>,
+}
+
+impl<'a, S: LittleEndian, T: Scalar, E: Fn(S) -> T + Copy + Sync> LayerPacker<'a, S, T, E> {
+    fn new(layer: &Layer, dims: [usize; 3], values: &'a [S], encode: E) -> Self {
+        let workbenches = Reused::default();
+        Self { grid: BrickGrid::new(dims), quantization: layer.quantization, values, encode, workbenches }
+    }
+
+    fn pack(&self, bricks: Range<usize>) -> Result<Vec<PackedBrick>> {
+        let packed = |brick: usize| -> Result<PackedBrick> {
+            self.workbenches.lend(Workbench::new, |workbench| {
+                workbench.gather(&self.grid, brick, self.values, self.encode);
+                workbench.pack(&self.quantization)
+            })?
+        };
+        // Bricks differ too much in work for more than one to be taken at a time.
+        bricks.into_par_iter().with_max_len(1).map(packed).collect()
+    }
 }
 
 /// What one thread needs to pack bricks.

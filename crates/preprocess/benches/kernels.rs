@@ -6,7 +6,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use voxrole_pack::layer::Quantization;
 use voxrole_pack::{DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, ScalarType, Scalars, Writer};
 use voxrole_preprocess::Grid;
-use voxrole_preprocess::joint_histogram::{Binning, Quantities, count};
+use voxrole_preprocess::joint_histogram::{Axes, Binning, Quantities, Tally};
 
 const EDGE: usize = 128;
 const VOXELS: usize = EDGE * EDGE * EDGE;
@@ -44,14 +44,24 @@ impl Ball {
     }
 
     fn quantities(&self) -> Quantities<'_> {
-        let binning = |low, high| Binning { slope: 1.0, intercept: 0.0, axis: HistogramAxis { low, high, bins: 256 } };
         Quantities {
-            value: (&self.grid.scalars, binning(0.0, 1.0)),
-            gradient: (&self.gradient, binning(0.0, 0.5)),
-            second_derivative: (&self.second_derivative, binning(-0.4, 0.4)),
+            value: &self.grid.scalars,
+            gradient: &self.gradient,
+            second_derivative: &self.second_derivative,
             hit_gradient: &self.hit_gradient,
-            hit_value: (&self.hit_value, binning(0.0, 1.0)),
-            distance: (&self.distance, binning(-15.0, 15.0)),
+            hit_value: &self.hit_value,
+            distance: &self.distance,
+        }
+    }
+
+    fn axes() -> Axes {
+        let binning = |low, high| Binning { slope: 1.0, intercept: 0.0, axis: HistogramAxis { low, high, bins: 256 } };
+        Axes {
+            value: binning(0.0, 1.0),
+            hit_value: binning(0.0, 1.0),
+            distance: binning(-15.0, 15.0),
+            gradient_scale: 1.0,
+            second_derivative_scale: 1.0,
         }
     }
 
@@ -76,7 +86,7 @@ fn packing(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(VOXELS as u64)).sample_size(20);
     group.bench_function("value range", |bencher| bencher.iter(|| ball.grid.scalars.finite_range()));
     group.bench_function("sha256", |bencher| bencher.iter(|| ball.grid.voxels_sha256()));
-    group.bench_function("histograms", |bencher| bencher.iter(|| count(&ball.quantities())));
+    group.bench_function("histograms", |bencher| bencher.iter(|| Tally::new(&ball.quantities(), &Ball::axes())));
     group.bench_function("writer", |bencher| bencher.iter(|| ball.write(&folder.path().join("ball.vxr"))));
     group.finish();
 }

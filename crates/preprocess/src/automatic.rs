@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::Result;
-use crate::blur::{EdgeStatistics, edge_statistics};
+use crate::blur::{EdgeStatistics, Edges};
 use crate::boundary::{GradientFloor, Tracer};
 use crate::bspline::Evaluator;
 use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate};
@@ -12,6 +12,7 @@ use crate::gaussian::{gaussian, radius_of};
 use crate::noise::smoothed_noise_sigma;
 use crate::noise_gain::{GradientNoise, NoiseGain};
 use crate::reconstruction::Reconstruction;
+use crate::region::Region;
 use crate::settings::{Automatic, Method, Settings, Smoothing, SmoothingSettings};
 use crate::smoothing::sigma_on_noise;
 use crate::working_field::WorkingField;
@@ -50,12 +51,17 @@ pub struct Choice {
     pub reason: String,
 }
 
-/// Fills in whatever [`Settings::automatic`] leaves to the data; `noise` is the field's, in working units.
+/// Fills in whatever [`Settings::automatic`] leaves to the data, judging by parts of a volume; `noise` is the volume's, in
+/// working units.
 ///
 /// # Errors
 /// [`crate::Error::Pack`] when memory runs out.
-pub fn choose(field: &WorkingField, noise: f32, settings: &mut Settings) -> Result<Choice> {
-    let edges = measure(field, noise)?;
+///
+/// # Panics
+/// When there is no part.
+pub fn choose(fields: &[&WorkingField], noise: f32, settings: &mut Settings) -> Result<Choice> {
+    let edges = measure(fields, noise)?;
+    let field = fields[0];
     let blur = edges.map(|edges| f64::from(edges.blur));
     // A spline where the edges are blurred enough for it, be it by the Gaussian that noise asks for.
     let width = |kernel: Kernel| match (&edges, settings.automatic.smoothing) {
@@ -156,27 +162,37 @@ fn expected_jitter(
     Ok(f64::from(noise * gain.second_derivative) / slope)
 }
 
-/// The edges of a field under a Gaussian, its blur taken off again; `None` where hardly any stands out.
-fn measure(field: &WorkingField, noise: f32) -> Result<Option<EdgeStatistics>> {
-    let mut smooth = field.clone();
+/// The edges of parts of a volume under a Gaussian, its blur taken off again; `None` where hardly any stands out.
+fn measure(fields: &[&WorkingField], noise: f32) -> Result<Option<EdgeStatistics>> {
+    let parts: Vec<_> = fields.iter().map(|field| field.dims()).collect();
+    let mut edges = Edges::among(&parts);
+    for field in fields {
+        look_for_edges(field, noise, &mut edges)?;
+    }
+    let own = |blur: f32| (blur * blur - MEASURING_SIGMA * MEASURING_SIGMA).max(SHARPEST * SHARPEST).sqrt();
+    Ok(edges.statistics().map(|found| EdgeStatistics {
+        blur: own(found.blur),
+        blur_facing: found.blur_facing.map(|blur| blur.map(own)),
+        ..found
+    }))
+}
+
+/// Adds the edges of one part, as if it was a volume of its own.
+fn look_for_edges(field: &WorkingField, noise: f32, edges: &mut Edges) -> Result<()> {
     let radius = radius_of(MEASURING_SIGMA, field.spacing);
-    smooth.values = gaussian(&field.values, field.spacing, MEASURING_SIGMA, radius);
+    let values = gaussian(&field.values, field.spacing, MEASURING_SIGMA, radius);
+    let mut smooth = WorkingField { values, ..*field };
     let kernel = Kernel::QuinticSpline;
     let (derivatives, source) = differentiate(&mut smooth, kernel, EdgeOperator::SecondDerivative)?;
     let GradientSource::Spline(coefficients) = &source else { unreachable!("the kernel is a spline") };
     let cells = CellDistances::new(&derivatives.second_derivative);
     let settings = Settings { d_max: 4.0, ..Settings::new(Method::Fast) };
-    let noise = noise.max(smoothed_noise_sigma(&smooth, &[MEASURING_SIGMA]));
+    let noise = noise.max(smoothed_noise_sigma(&[&smooth], &[MEASURING_SIGMA]));
     let gradient_noise = GradientNoise::new(kernel, &[MEASURING_SIGMA], field.spacing, field.dims(), noise)?;
     let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
     let gradient = Gradient::new(&smooth, &source);
     let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, &floor, &settings);
     let spline = Evaluator::new(coefficients, field.spacing);
-    let found = edge_statistics(&tracer, &spline, field.dims());
-    let own = |blur: f32| (blur * blur - MEASURING_SIGMA * MEASURING_SIGMA).max(SHARPEST * SHARPEST).sqrt();
-    Ok(found.map(|found| EdgeStatistics {
-        blur: own(found.blur),
-        blur_facing: found.blur_facing.map(|blur| blur.map(own)),
-        ..found
-    }))
+    edges.look(&tracer, &spline, &Region::whole(field.dims()), [0; 3]);
+    Ok(())
 }

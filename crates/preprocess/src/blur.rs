@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::boundary::{Role, Tracer, Work};
 use crate::bspline::Evaluator;
-use crate::sampler::Sampler;
+use crate::region::Region;
 
 /// Voxels that are looked at, at most about this many: enough for a median.
 const MOST_VOXELS: usize = 200_000;
@@ -19,7 +19,7 @@ const LEAST_EDGES: usize = 50;
 const LEAST_SHARE: f32 = 0.1;
 
 /// One edge.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Edge {
     gradient_magnitude: f32,
     /// In multiples of L_min.
@@ -53,57 +53,111 @@ impl EdgeStatistics {
     }
 }
 
-/// The blur of the stronger edges of a volume, or `None` where there are hardly any.
+/// Edges at a lattice of voxels, by which to tell how blurred a volume is.
 ///
 /// A step blurred by a Gaussian of deviation s has g = A·exp(−t²/2s²) along its normal, so that `(ln g)'' = −1/s²` at every
 /// point: three values of g around each crossing give s, and the median over many crossings is robust against corners and
 /// what noise remains. Between two edges g falls to 0, so that the faces of layers thinner than three blurs look sharper
 /// than they are, by up to √2. (The scale of an edge from its derivatives: Elder and Zucker, *Local scale control
 /// for edge detection and blur estimation*, IEEE PAMI 20(7), 1998.)
-#[must_use]
-pub fn edge_statistics(tracer: &Tracer<'_>, spline: &Evaluator<'_>, dims: [usize; 3]) -> Option<EdgeStatistics> {
-    let sampler = Sampler::new(dims);
-    let [nx, ny, nz] = dims;
-    let stride = (1..).find(|stride| dims.map(|dim| dim.div_ceil(*stride)).iter().product::<usize>() <= MOST_VOXELS)?;
-    let along = |len: usize| (0..len).step_by(stride);
-    let edge = |voxel: [usize; 3]| {
-        let Role::Hit(hit) = tracer.role(voxel, &mut Work::default()) else { return None };
-        // Nearby, where the straight ray is surely the edge's own normal.
-        if hit.distance.abs() > 3.0 {
+#[derive(Debug)]
+pub struct Edges {
+    /// Every how many voxels along each axis is looked at.
+    stride: usize,
+    found: Vec<Edge>,
+}
+
+impl Edges {
+    /// For parts of these dimensions, which are looked at together.
+    #[must_use]
+    pub fn among(parts: &[[usize; 3]]) -> Self {
+        let count = |stride: usize| {
+            parts.iter().map(|dims| dims.map(|dim| dim.div_ceil(stride)).iter().product::<usize>()).sum::<usize>()
+        };
+        let stride = (1..).find(|&stride| count(stride) <= MOST_VOXELS.max(parts.len())).unwrap_or(1);
+        Self { stride, found: Vec::new() }
+    }
+
+    /// Looks at the voxels of the lattice in `region` of a volume, whose voxels from `origin` on the tracer sees.
+    pub fn look(&mut self, tracer: &Tracer<'_>, spline: &Evaluator<'_>, region: &Region, origin: [usize; 3]) {
+        let stride = self.stride;
+        let along = |axis: usize| (region.start[axis].next_multiple_of(stride)..region.end[axis]).step_by(stride);
+        let slices: Vec<usize> = along(2).collect();
+        let edge = |voxel: [usize; 3]| edge_at(tracer, spline, std::array::from_fn(|axis| voxel[axis] - origin[axis]));
+        self.found.par_extend(
+            slices
+                .into_par_iter()
+                .flat_map_iter(|k| along(1).flat_map(move |j| along(0).map(move |i| [i, j, k])).filter_map(edge)),
+        );
+    }
+
+    /// Adds what was found elsewhere.
+    pub fn append(&mut self, mut other: Self) {
+        self.found.append(&mut other.found);
+    }
+
+    /// The blur of the stronger edges, or `None` where there are hardly any. The order in which they were found does not
+    /// matter.
+    #[must_use]
+    pub fn statistics(&self) -> Option<EdgeStatistics> {
+        let mut edges = self.found.clone();
+        if edges.len() < LEAST_EDGES {
             return None;
         }
-        let ray = sampler.ray(voxel, hit.normal * spline.per_length());
-        let g = |t: f32| Some(spline.jet(&sampler.place(&ray, t)?).gradient.length());
-        let [before, on, after] = [-1.0, 0.0, 1.0].map(|offset| g(offset - hit.distance));
-        let curvature = 2.0 * on?.ln() - before?.ln() - after?.ln();
-        let across = hit.normal.abs() / spline.per_length();
-        (curvature > 0.0).then(|| Edge {
-            gradient_magnitude: on.unwrap_or(0.0),
-            blur: curvature.sqrt().recip(),
-            axis: across.max_position(),
+        edges.sort_by(|a, b| a.gradient_magnitude.total_cmp(&b.gradient_magnitude));
+        let strong = edges[(STRONG * (edges.len() - 1) as f32) as usize].gradient_magnitude;
+        edges.retain(|edge| edge.gradient_magnitude >= LEAST_STRENGTH * strong);
+        let least = ((LEAST_SHARE * edges.len() as f32) as usize).max(LEAST_EDGES);
+        let blur_facing = [0, 1, 2].map(|axis| {
+            let facing: Vec<f32> = edges.iter().filter(|edge| edge.axis == axis).map(|edge| edge.blur).collect();
+            (facing.len() >= least).then(|| median(facing))
+        });
+        let steps =
+            edges.iter().map(|edge| edge.gradient_magnitude * edge.blur * std::f32::consts::TAU.sqrt()).collect();
+        Some(EdgeStatistics {
+            blur: median(edges.iter().map(|edge| edge.blur).collect()),
+            blur_facing,
+            step: median(steps),
         })
-    };
-    let slices: Vec<usize> = along(nz).collect();
-    let mut edges: Vec<Edge> = slices
-        .into_par_iter()
-        .flat_map_iter(|k| along(ny).flat_map(move |j| along(nx).map(move |i| [i, j, k])).filter_map(edge))
-        .collect();
-    if edges.len() < LEAST_EDGES {
+    }
+
+    /// What was found, as numbers to be kept.
+    #[must_use]
+    pub fn to_numbers(&self) -> Vec<u64> {
+        let packed = |edge: &Edge| {
+            [u64::from(edge.gradient_magnitude.to_bits()) << 32 | u64::from(edge.blur.to_bits()), edge.axis as u64]
+        };
+        self.found.iter().flat_map(packed).collect()
+    }
+
+    /// Adds what [`Self::to_numbers`] made numbers of.
+    pub fn add_numbers(&mut self, numbers: &[u64]) {
+        let edge = |numbers: &[u64; 2]| Edge {
+            gradient_magnitude: f32::from_bits((numbers[0] >> 32) as u32),
+            blur: f32::from_bits(numbers[0] as u32),
+            axis: numbers[1] as usize,
+        };
+        self.found.extend(numbers.as_chunks().0.iter().map(edge));
+    }
+}
+
+/// The edge on the ray of a voxel, if there is one nearby.
+fn edge_at(tracer: &Tracer<'_>, spline: &Evaluator<'_>, voxel: [usize; 3]) -> Option<Edge> {
+    let Role::Hit(hit) = tracer.role(voxel, &mut Work::default()) else { return None };
+    // Nearby, where the straight ray is surely the edge's own normal.
+    if hit.distance.abs() > 3.0 {
         return None;
     }
-    edges.sort_by(|a, b| a.gradient_magnitude.total_cmp(&b.gradient_magnitude));
-    let strong = edges[(STRONG * (edges.len() - 1) as f32) as usize].gradient_magnitude;
-    edges.retain(|edge| edge.gradient_magnitude >= LEAST_STRENGTH * strong);
-    let least = ((LEAST_SHARE * edges.len() as f32) as usize).max(LEAST_EDGES);
-    let blur_facing = [0, 1, 2].map(|axis| {
-        let facing: Vec<f32> = edges.iter().filter(|edge| edge.axis == axis).map(|edge| edge.blur).collect();
-        (facing.len() >= least).then(|| median(facing))
-    });
-    let steps = edges.iter().map(|edge| edge.gradient_magnitude * edge.blur * std::f32::consts::TAU.sqrt()).collect();
-    Some(EdgeStatistics {
-        blur: median(edges.iter().map(|edge| edge.blur).collect()),
-        blur_facing,
-        step: median(steps),
+    let sampler = tracer.sampler();
+    let ray = sampler.ray(voxel, hit.normal * spline.per_length());
+    let g = |t: f32| Some(spline.jet(&sampler.place(&ray, t)?).gradient.length());
+    let [before, on, after] = [-1.0, 0.0, 1.0].map(|offset| g(offset - hit.distance));
+    let curvature = 2.0 * on?.ln() - before?.ln() - after?.ln();
+    let across = hit.normal.abs() / spline.per_length();
+    (curvature > 0.0).then(|| Edge {
+        gradient_magnitude: on.unwrap_or(0.0),
+        blur: curvature.sqrt().recip(),
+        axis: across.max_position(),
     })
 }
 

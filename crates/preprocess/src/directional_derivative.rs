@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 use ndarray::Array3;
+use voxrole_pack::scalar::par_range_within;
 
 use crate::stencil::{AxisStencil, weighted_sum};
-use crate::working_field::{Field, WorkingField};
+use crate::working_field::{Field, WorkingField, voxels};
 
 /// g = ‖∇f‖ and f'' = nᵀHn at every voxel; NaN where any of the 19 samples of the stencil is.
 #[derive(Clone, Debug)]
@@ -21,6 +22,13 @@ impl Derivatives {
     pub fn zeros([nx, ny, nz]: [usize; 3]) -> Self {
         let zeros = || Array3::zeros((nz, ny, nx));
         Self { gradient_magnitude: zeros(), second_derivative: zeros() }
+    }
+
+    /// Smallest and largest finite gradient magnitude and second derivative; 0 where there is none.
+    #[must_use]
+    pub fn ranges(&self) -> [[f32; 2]; 2] {
+        let range = |field| par_range_within(voxels(field), f32::MIN, f32::MAX).unwrap_or_default();
+        [range(&self.gradient_magnitude), range(&self.second_derivative)]
     }
 }
 

@@ -1,10 +1,9 @@
 //! A scalar volume as read: numbers in their own type on a regular grid.
 
 use sha2::{Digest, Sha256};
-use voxrole_pack::scalar::LittleEndian;
-use voxrole_pack::{GridGeometry, Scalars, with_scalars};
+use voxrole_pack::{GridGeometry, Scalars};
 
-use crate::{Error, Result};
+use crate::{Error, Result, scan};
 
 /// What every reader gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,9 +49,7 @@ impl Grid {
                 geometry.dims
             )));
         }
-        if !(slope.is_finite() && slope != 0.0 && intercept.is_finite()) {
-            return Err(Error::Parameter(format!("the mapping {slope} · stored + {intercept} cannot be used")));
-        }
+        check_mapping(slope, intercept)?;
         Ok(Self { name: name.into(), geometry, scalars, slope, intercept })
     }
 
@@ -68,16 +65,19 @@ impl Grid {
     /// SHA-256 of the stored numbers alone: own type, little-endian, x fastest.
     #[must_use]
     pub fn voxels_sha256(&self) -> [u8; 32] {
-        fn hash<T: LittleEndian>(values: &[T]) -> [u8; 32] {
-            let mut hasher = Sha256::new();
-            let mut bytes = Vec::new();
-            for chunk in values.chunks(1 << 13) {
-                bytes.clear();
-                T::append_le(chunk, &mut bytes);
-                hasher.update(&bytes);
-            }
-            hasher.finalize().into()
-        }
-        with_scalars!(&self.scalars, values => hash(values))
+        let mut hasher = Sha256::new();
+        scan::hash(&self.scalars, &mut hasher);
+        hasher.finalize().into()
     }
+}
+
+/// Makes sure that stored numbers can be mapped to physical ones.
+///
+/// # Errors
+/// [`Error::Parameter`] when the mapping is not finite or has slope 0.
+pub(crate) fn check_mapping(slope: f64, intercept: f64) -> Result<()> {
+    if slope.is_finite() && slope != 0.0 && intercept.is_finite() {
+        return Ok(());
+    }
+    Err(Error::Parameter(format!("the mapping {slope} · stored + {intercept} cannot be used")))
 }

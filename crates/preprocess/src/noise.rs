@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
+use crate::Result;
 use crate::gaussian::{gaussian, radius_of};
+use crate::region::Region;
 use crate::working_field::{Field, WorkingField, voxels};
 
 /// Residuals that are looked at: enough for the median to be right to 0.2 %.
@@ -17,18 +19,50 @@ const WIDE: usize = 2;
 /// voxel by voxel it looks two to five times weaker than its derivatives show it to be.
 #[must_use]
 pub fn noise_sigma(field: &WorkingField) -> f32 {
-    residual_sigma(field, 1).max(residual_sigma(field, WIDE))
+    [1, WIDE].map(|spread| residual_sigma(&[field], spread)).into_iter().fold(0.0, f32::max)
 }
 
-/// Standard deviation of white noise before it was smoothed by Gaussians of the given σ, judging by a smoothed field and
-/// the frequencies that derivatives of it let through.
+/// [`noise_sigma`] of a volume of `dims` voxels that is read in slabs of whole slices, about `slices` at a time: the same
+/// to the last bit.
+///
+/// # Errors
+/// Whatever reading says.
+pub fn noise_sigma_of_slabs(
+    dims: [usize; 3],
+    slices: usize,
+    mut read: impl FnMut(&Region) -> Result<WorkingField>,
+) -> Result<f32> {
+    let stride = lattice_stride(&[dims]);
+    let mut estimates = [1, WIDE].map(|spread| (Masks::new(dims, spread), Vec::new()));
+    let reach = estimates.iter().map(|(masks, _)| masks.reach[2]).max().unwrap_or(0);
+    for first in (0..dims[2]).step_by(slices.max(1)) {
+        let part = first..(first + slices.max(1)).min(dims[2]);
+        let lattice = estimates
+            .each_ref()
+            .map(|(masks, _)| masks.inner(2, dims, stride).filter(|k| part.contains(k)).collect::<Vec<_>>());
+        if lattice.iter().all(Vec::is_empty) {
+            continue;
+        }
+        let slab = Region { start: [0, 0, part.start], end: [dims[0], dims[1], part.end] };
+        let slab = slab.grown([0, 0, reach], dims);
+        let field = read(&slab)?;
+        for ((masks, residuals), lattice) in estimates.iter_mut().zip(&lattice) {
+            masks.collect(&field, slab.start[2], lattice, dims, stride, residuals);
+        }
+    }
+    Ok(estimates.into_iter().map(|(masks, residuals)| masks.sigma(residuals)).fold(0.0, f32::max))
+}
+
+/// Standard deviation of white noise before it was smoothed by Gaussians of the given σ, judging by smoothed parts of a volume
+/// and the frequencies that derivatives of them let through.
 #[must_use]
-pub fn smoothed_noise_sigma(field: &WorkingField, sigmas: &[f32]) -> f32 {
-    let gain = |axis: usize, masks: usize| response(sigmas, field.spacing[axis], masks);
-    let masks = masks(field.dims(), WIDE);
-    let along = |axis: usize| masks.iter().filter(|&&mask| mask == axis).count();
-    let smoothed = (0..3).filter(|&axis| field.dims()[axis] > 1).map(|axis| gain(axis, along(axis))).product::<f32>();
-    residual_sigma(field, WIDE) / smoothed
+pub fn smoothed_noise_sigma(fields: &[&WorkingField], sigmas: &[f32]) -> f32 {
+    let Some(field) = fields.first() else { return 0.0 };
+    let Masks { axes, .. } = Masks::new(field.dims(), WIDE);
+    let along = |axis: usize| axes.iter().filter(|&&mask| mask == axis).count();
+    let gain = |axis: usize| response(sigmas, field.spacing[axis], along(axis));
+    let smoothed = (0..3).filter(|&axis| field.dims()[axis] > 1).map(gain).product::<f32>();
+    residual_sigma(fields, WIDE) / smoothed
 }
 
 /// The norm of Gaussians and wide masks along an axis over that of the masks alone.
@@ -60,36 +94,90 @@ fn squared_weights(masks: usize) -> f32 {
 /// 2008), the median magnitude over 0.6745 is robust against the rest (Donoho and Johnstone, Biometrika 81(3), 1994).
 /// Residuals of exactly 0 are left out: they come from padding and masked background, not from noise. 0 for a volume
 /// without any other.
-fn residual_sigma(field: &WorkingField, spread: usize) -> f32 {
-    let dims @ [nx, ny, _] = field.dims();
-    let source = voxels(&field.values);
-    let masks = masks(dims, spread);
-    if masks.is_empty() {
-        return 0.0;
+fn residual_sigma(fields: &[&WorkingField], spread: usize) -> f32 {
+    let dims: Vec<_> = fields.iter().map(|field| field.dims()).collect();
+    let stride = lattice_stride(&dims);
+    let mut residuals = Vec::new();
+    for (field, &dims) in fields.iter().zip(&dims) {
+        let masks = Masks::new(dims, spread);
+        let slices: Vec<_> = masks.inner(2, dims, stride).collect();
+        masks.collect(field, 0, &slices, dims, stride, &mut residuals);
     }
-    // Large volumes are looked at on a coarser lattice.
-    let stride = (1..).find(|stride| dims.map(|dim| dim.div_ceil(*stride)).iter().product::<usize>() <= MOST_RESIDUALS);
-    let stride = stride.unwrap_or(1);
-    let counts = [0, 1, 2].map(|axis| masks.iter().filter(|mask| **mask == axis).count());
-    let reach = counts.map(|count| count * spread);
-    let inner = |axis: usize| (reach[axis]..dims[axis] - reach[axis]).step_by(if reach[axis] > 0 { stride } else { 1 });
-    let strides: Vec<usize> = masks.iter().map(|&axis| [1, nx, nx * ny][axis] * spread).collect();
-    let mut residuals: Vec<[f32; 2]> = inner(2)
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .flat_map_iter(|k| inner(1).flat_map(move |j| inner(0).map(move |i| (k * ny + j) * nx + i)))
-        .map(|voxel| [gradient(source, voxel, &strides), residual(source, voxel, &strides).abs()])
-        .filter(|[_, residual]| *residual > 0.0)
-        .collect();
-    if residuals.is_empty() {
-        return 0.0;
+    dims.first().map_or(0.0, |&dims| Masks::new(dims, spread).sigma(residuals))
+}
+
+/// Large volumes are looked at on a coarser lattice: every how many voxels along each axis.
+fn lattice_stride(parts: &[[usize; 3]]) -> usize {
+    let count = |stride: usize| {
+        parts.iter().map(|dims| dims.map(|dim| dim.div_ceil(stride)).iter().product::<usize>()).sum::<usize>()
+    };
+    (1..).find(|&stride| count(stride) <= MOST_RESIDUALS.max(parts.len())).unwrap_or(1)
+}
+
+/// The masks that leave noise alone.
+struct Masks {
+    /// The axis of every mask.
+    axes: Vec<usize>,
+    spread: usize,
+    /// Voxels that they reach along each axis.
+    reach: [usize; 3],
+}
+
+impl Masks {
+    fn new(dims: [usize; 3], spread: usize) -> Self {
+        let axes = masks(dims, spread);
+        let reach = [0, 1, 2].map(|axis| axes.iter().filter(|&&mask| mask == axis).count() * spread);
+        Self { axes, spread, reach }
     }
-    let half = residuals.len() / 2;
-    residuals.select_nth_unstable_by(half, |a, b| a[0].total_cmp(&b[0]));
-    residuals.truncate(half + 1);
-    let middle = residuals.len() / 2;
-    let (_, &mut [_, median], _) = residuals.select_nth_unstable_by(middle, |a, b| a[1].total_cmp(&b[1]));
-    median / 0.6745 / counts.map(squared_weights).iter().product::<f32>().sqrt()
+
+    /// The places along an axis that are looked at.
+    fn inner(&self, axis: usize, dims: [usize; 3], stride: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        let reach = self.reach[axis];
+        (reach..dims[axis] - reach).step_by(if reach > 0 { stride } else { 1 })
+    }
+
+    /// Adds gradients and residuals in some slices of a volume of `dims` voxels; `field` has the slices from `first` on.
+    fn collect(
+        &self,
+        field: &WorkingField,
+        first: usize,
+        slices: &[usize],
+        dims: [usize; 3],
+        stride: usize,
+        residuals: &mut Vec<[f32; 2]>,
+    ) {
+        let [nx, ny, _] = dims;
+        if self.axes.is_empty() {
+            return;
+        }
+        let source = voxels(&field.values);
+        let strides: Vec<usize> = self.axes.iter().map(|&axis| [1, nx, nx * ny][axis] * self.spread).collect();
+        let (along_x, along_y) = (self.inner(0, dims, stride), self.inner(1, dims, stride));
+        residuals.par_extend(
+            slices
+                .par_iter()
+                .flat_map_iter(|k| {
+                    let (along_x, along_y) = (along_x.clone(), along_y.clone());
+                    along_y.flat_map(move |j| along_x.clone().map(move |i| ((k - first) * ny + j) * nx + i))
+                })
+                .map(|voxel| [gradient(source, voxel, &strides), residual(source, voxel, &strides).abs()])
+                .filter(|[_, residual]| *residual > 0.0),
+        );
+    }
+
+    /// The deviation that gradients and residuals speak of.
+    fn sigma(&self, mut residuals: Vec<[f32; 2]>) -> f32 {
+        if residuals.is_empty() {
+            return 0.0;
+        }
+        let half = residuals.len() / 2;
+        residuals.select_nth_unstable_by(half, |a, b| a[0].total_cmp(&b[0]));
+        residuals.truncate(half + 1);
+        let middle = residuals.len() / 2;
+        let (_, &mut [_, median], _) = residuals.select_nth_unstable_by(middle, |a, b| a[1].total_cmp(&b[1]));
+        let squares = self.reach.map(|reach| squared_weights(reach / self.spread)).iter().product::<f32>();
+        median / 0.6745 / squares.sqrt()
+    }
 }
 
 /// The axes along which a mask is applied, one after another.
@@ -157,8 +245,8 @@ mod tests {
         assert!((white / 0.02 - 1.0).abs() < 0.05, "{white}");
         field.values = gaussian(&field.values, [1.0; 3], 1.0, 4);
         // A single mask sees next to nothing of it, the wide one more.
-        assert!(residual_sigma(&field, 1) < 0.2 * residual_sigma(&field, WIDE));
-        let found = f64::from(smoothed_noise_sigma(&field, &[1.0])) * field.value_scale;
+        assert!(residual_sigma(&[&field], 1) < 0.2 * residual_sigma(&[&field], WIDE));
+        let found = f64::from(smoothed_noise_sigma(&[&field], &[1.0])) * field.value_scale;
         assert!((found / 0.02 - 1.0).abs() < 0.06, "{found}");
     }
 
@@ -166,5 +254,23 @@ mod tests {
     fn a_clean_ramp_has_none() {
         assert_eq!(noise_sigma(&noisy(0.0, [8, 8, 8], |voxel| voxel as f32)), 0.0);
         assert_eq!(noise_sigma(&noisy(0.0, [2, 2, 2], |_| 1.0)), 0.0);
+    }
+
+    #[test]
+    fn slabs_give_what_the_whole_gives() {
+        for dims in [[20, 17, 40], [130, 120, 90], [30, 1, 9], [1, 1, 50], [40, 9, 2]] {
+            let field = noisy(0.3, dims, |voxel| (voxel % 7) as f32);
+            let expected = noise_sigma(&field);
+            for slices in [1, 3, 64] {
+                let dims = field.dims();
+                let read = |slab: &Region| {
+                    let values = slab.crop(voxels(&field.values), dims).into_owned();
+                    let [nx, ny, nz] = slab.dims();
+                    let values = Field::from_shape_vec((nz, ny, nx), values).expect("a slab");
+                    Ok(WorkingField { values, ..field.clone() })
+                };
+                assert_eq!(noise_sigma_of_slabs(dims, slices, read).expect("reads"), expected, "{dims:?} {slices}");
+            }
+        }
     }
 }

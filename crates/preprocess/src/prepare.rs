@@ -1,28 +1,24 @@
-//! The whole run: from a grid to a packed file.
+//! The whole run: from a volume to a packed file.
 
 use std::path::Path;
 
-use voxrole_pack::Scalars;
+use sha2::{Digest, Sha256};
+use voxrole_pack::unfinished::{Claim, Unfinished};
 
-use crate::automatic::{LEAST_BLUR, choose};
-use crate::blur::edge_statistics;
-use crate::boundary::{GradientFloor, Tracer};
-use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate, spline_through};
-use crate::directional_derivative::Derivatives;
-use crate::noise::{noise_sigma, smoothed_noise_sigma};
-use crate::noise_gain::{GradientNoise, NoiseGain};
-use crate::packing::Prepared;
+use crate::automatic::Choice;
+use crate::block_plan::{BlockPlan, Cost, MOST_AT_ONCE};
+use crate::packing::{MADE_BY, Packing};
 use crate::progress::Progress;
-use crate::reconstruction::{Reconstruction, Smooth};
-use crate::report::{Counts, Report, Stopwatch};
+use crate::recipe::{Block, Recipe};
+use crate::region::Region;
+use crate::report::{Counts, FieldSigma, Report, Stopwatch};
 use crate::roles::Roles;
-use crate::sampler::Sampler;
-use crate::settings::{Automatic, Settings};
-use crate::smoothing::{RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
-use crate::working_field::{WorkingField, voxels};
-use crate::zero_crossing::CellDistances;
-use crate::{Grid, Result};
+use crate::scan::Scan;
+use crate::settings::Settings;
+use crate::source::Source;
+use crate::summary::Summary;
+use crate::working_field::WorkingField;
+use crate::{Error, Grid, Result};
 
 /// Computes the voxel roles of `grid` and writes them to `path`, which appears only when complete.
 ///
@@ -30,8 +26,7 @@ use crate::{Grid, Result};
 /// of threads nor on [`Settings::skip`].
 ///
 /// # Errors
-/// [`crate::Error::Parameter`] for settings or a volume that cannot be used, [`crate::Error::Pack`] when memory runs out
-/// or writing fails.
+/// As [`prepare_source`].
 ///
 /// ```
 /// use voxrole_pack::{GridGeometry, Scalars};
@@ -49,166 +44,169 @@ use crate::{Grid, Result};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Progress) -> Result<Report> {
+    prepare_source(Source::from(grid), settings, u64::MAX, path, progress)
+}
+
+/// As [`prepare`] for a volume in memory or in a file, in blocks where the volume is large or does not fit into `memory`
+/// bytes.
+///
+/// Finished blocks are kept in a file beside `path`, with `.unfinished` behind its name, until the run is done; a run that
+/// was stopped goes on from there when it is started again. The file's bytes do not depend on blocks either.
+///
+/// # Errors
+/// [`Error::Parameter`] for settings or a volume that cannot be used, too little memory, or an output that another run is
+/// writing; [`Error::Io`] when reading fails; [`Error::Pack`] when memory runs out or writing fails.
+pub fn prepare_source(
+    source: Source<'_>,
+    settings: &Settings,
+    memory: u64,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Report> {
+    settings.validate()?;
     let mut watch = Stopwatch::new();
-    let (prepared, counts) = compute_roles(grid, settings, progress, &mut watch)?;
-    progress.begin("packing", 1);
-    let range_in_working =
-        prepared.stored_range.map_or(0.0, |[low, high]| (high - low) * grid.slope.abs() / prepared.field.value_scale);
-    let noise_share = f64::from(prepared.noise) / range_in_working.max(f64::MIN_POSITIVE);
-    let (choice, warning) = (prepared.choice.clone(), prepared.warning.clone());
-    let range_sigma = prepared.range_sigmas.clone();
-    let file_bytes = prepared.write(path)?;
+    let claim = Claim::new(path)?;
+    let dims = source.dims();
+    let voxels: usize = dims.iter().product();
+    let memory = memory.saturating_sub(source.resident_bytes());
+    let at_once =
+        voxels <= MOST_AT_ONCE && Cost::new(settings, source.scalar_type(), true).bytes(voxels, voxels) <= memory;
+    progress.begin("looking at the volume", 1);
+    let scan = Scan::new(&source, !at_once)?;
+    watch.lap("first look");
+    let mut recipe = Recipe::new(source, scan, settings, at_once, &mut watch)?;
+    progress.step();
+    let outcome = if at_once {
+        progress.begin("roles", dims[2] as u64);
+        let block = recipe.prepare(Region::whole(dims), progress, &mut watch)?;
+        progress.begin("packing", 1);
+        let (file_bytes, summary) = Packing(&recipe).write(block, path)?;
+        claim.release();
+        Outcome { file_bytes, summary, blocks: 1, blocks_before: 0 }
+    } else {
+        let cost = Cost::new(&recipe.settings, source.scalar_type(), recipe.scan.has_bad);
+        let plan = BlockPlan::new(dims, recipe.reach(), cost, memory)?;
+        in_blocks(&mut recipe, &plan, claim, path, progress, &mut watch)?
+    };
     progress.step();
     watch.lap("packing");
+    let [low, high] = recipe.scan.range.map(|end| recipe.scaling.working(end));
     Ok(Report {
-        input: grid.name.clone(),
-        dims: grid.geometry.dims,
+        input: source.name.to_owned(),
+        dims: source.geometry.dims,
+        blocks: outcome.blocks,
+        blocks_before: outcome.blocks_before,
         threads: rayon::current_num_threads(),
         seconds: watch.total(),
         stages: watch.into_stages(),
-        noise_share,
-        range_sigma,
-        choice,
-        warning,
-        counts,
-        file_bytes,
+        noise_share: f64::from(recipe.noise / (high - low).abs().max(f32::MIN_POSITIVE)),
+        range_sigma: recipe.range_sigmas.shares.clone(),
+        warning: recipe.under_sampling(outcome.summary.edges.as_ref()),
+        choice: recipe.choice,
+        counts: outcome.summary.counts,
+        file_bytes: outcome.file_bytes,
     })
+}
+
+/// What came of a run.
+struct Outcome {
+    file_bytes: u64,
+    summary: Summary,
+    blocks: usize,
+    blocks_before: usize,
+}
+
+/// Prepares one block after another, those that an earlier run finished left out, and puts the file together.
+fn in_blocks(
+    recipe: &mut Recipe<'_>,
+    plan: &BlockPlan,
+    claim: Claim,
+    path: &Path,
+    progress: &dyn Progress,
+    watch: &mut Stopwatch,
+) -> Result<Outcome> {
+    let voxels_sha256 = recipe.scan.voxels_sha256.unwrap_or_default();
+    let mut unfinished = Unfinished::resume(claim, task(recipe, plan, voxels_sha256))?;
+    let blocks_before = unfinished.len();
+    let slices = |block: usize| plan.region(block).dims()[2] as u64;
+    progress.begin("roles", (0..plan.len()).map(slices).sum());
+    for index in 0..plan.len() {
+        if unfinished.has(index) {
+            (0..slices(index)).for_each(|_| progress.step());
+            continue;
+        }
+        let block = recipe.prepare(plan.region(index), progress, watch)?;
+        let (layers, summary) = Packing(recipe).pack(block)?;
+        unfinished.append(index, &layers, &summary.to_numbers())?;
+        watch.lap("packing");
+    }
+    progress.begin("putting the file together", 1);
+    let packing = Packing(recipe);
+    let axes = packing.axes();
+    let mut total: Option<Summary> = None;
+    for index in 0..plan.len() {
+        let numbers = unfinished.numbers(index)?;
+        let summary = Summary::from_numbers(&numbers, &axes, recipe.source.dims()).ok_or_else(|| {
+            Error::Parameter(format!("{}: an unfinished block is not what it should be; delete it", path.display()))
+        })?;
+        total = Some(match total {
+            Some(total) => total.plus(summary),
+            None => summary,
+        });
+    }
+    let summary = total.ok_or_else(|| Error::Parameter("a volume without voxels".into()))?;
+    let file_bytes = packing.assemble(&unfinished, plan, &summary, voxels_sha256, path)?;
+    unfinished.finish();
+    Ok(Outcome { file_bytes, summary, blocks: plan.len(), blocks_before })
+}
+
+/// A fingerprint of all that finished blocks depend on.
+fn task(recipe: &Recipe<'_>, plan: &BlockPlan, voxels_sha256: [u8; 32]) -> [u8; 32] {
+    let mut hasher = Sha256::new();
+    hasher.update(MADE_BY);
+    hasher.update(voxels_sha256);
+    hasher.update(format!("{:?} {:?} {:?}", recipe.source.geometry, recipe.settings, plan));
+    hasher.update([recipe.source.slope, recipe.source.intercept].map(f64::to_le_bytes).concat());
+    hasher.update(recipe.noise.to_le_bytes());
+    for parameter in Packing(recipe).parameters() {
+        hasher.update(format!("{}={}\n", parameter.name, parameter.value));
+    }
+    hasher.finalize().into()
+}
+
+/// The roles of a volume, not yet packed.
+pub struct Prepared {
+    /// The settings, with what was chosen by the data.
+    pub settings: Settings,
+    /// What was found in the data and chosen by it.
+    pub choice: Option<Choice>,
+    /// σr of the bilaterally filtered fields.
+    pub range_sigma: Vec<FieldSigma>,
+    /// Smallest and largest finite number of the input, as stored.
+    pub stored_range: [f64; 2],
+    /// The value field that was differentiated.
+    pub field: WorkingField,
+    /// The roles.
+    pub roles: Roles,
 }
 
 /// Computes the roles without writing them.
 ///
 /// # Errors
 /// As [`prepare`], but for writing.
-pub fn compute_roles<'a>(
-    grid: &'a Grid,
+pub fn compute_roles(
+    grid: &Grid,
     settings: &Settings,
     progress: &dyn Progress,
     watch: &mut Stopwatch,
-) -> Result<(Prepared<'a>, Counts)> {
+) -> Result<(Prepared, Counts)> {
     settings.validate()?;
-    let mut settings = *settings;
-    let mut range_sigmas = RangeSigmas::new();
-
-    progress.begin("smoothing and derivatives", 1);
-    let mut field = WorkingField::new(grid)?;
-    watch.lap("conversion");
-    let noise = noise_sigma(&field).max(quantisation_noise(grid, &field));
-    watch.lap("noise estimate");
-    let choice = if settings.automatic == Automatic::default() {
-        None
-    } else {
-        let choice = choose(&field, noise, &mut settings)?;
-        watch.lap("choice of method");
-        Some(choice)
-    };
-    let smoothing = &settings.smoothing;
-    smooth_value(&mut field, smoothing, &mut range_sigmas);
-    watch.lap("value smoothing");
-    let sigmas: Vec<f32> = sigma_on_noise(smoothing).into_iter().collect();
-    let gain = NoiseGain::new(settings.kernel, &sigmas, field.spacing)?;
-    let (mut derivatives, source) = differentiate(&mut field, settings.kernel, settings.operator)?;
-    watch.lap("derivatives");
-    smooth_derivatives(&mut derivatives, field.spacing, noise, gain, smoothing, &mut range_sigmas);
-    watch.lap("derivative smoothing");
-    let cells = CellDistances::new(&derivatives.second_derivative);
-    watch.lap("zero-crossing cells");
-    let splines = DerivativeSplines::new(&derivatives, settings.reconstruction)?;
-    watch.lap("reconstruction");
-    progress.step();
-
-    let kernel_sigma = if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None };
-    let smoothed: Vec<f32> = sigmas.iter().copied().chain(kernel_sigma).collect();
-    // What noise is left is seen best where it is left.
-    let left = if smoothed.is_empty() { noise } else { noise.max(smoothed_noise_sigma(&field, &smoothed)) };
-    let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, field.spacing, field.dims(), left)?;
-    let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
-    let smooth = splines.smooth(&field, &source, &settings);
-    let gradient = Gradient::new(&field, &source);
-    let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
-    let roles = Roles::new(&tracer, field.dims(), progress)?;
-    watch.lap("rays");
-    let warning = under_sampling(&tracer, &source, &field, &settings);
-    watch.lap("check of blur");
-    let counts = Counts {
-        voxels: roles.distance.len() as u64,
-        masked: roles.masked,
-        flat: roles.work.flat,
-        skipped: roles.work.skipped,
-        traced: roles.work.traced,
-        samples: roles.work.samples,
-        evaluations: roles.work.evaluations,
-        hits: roles.hits,
-        misses: roles.misses(),
-        cells: cells.cells.len() as u64,
-        mixed_cells: cells.mixed_count(),
-    };
-    let stored_range = grid.scalars.finite_range();
+    let source = Source::from(grid);
+    let scan = Scan::new(&source, false)?;
+    let mut recipe = Recipe::new(source, scan, settings, true, watch)?;
+    let Block { field, roles, counts, .. } = recipe.prepare(Region::whole(source.dims()), progress, watch)?;
+    let Recipe { settings, choice, range_sigmas, scan, .. } = recipe;
     let prepared =
-        Prepared { grid, stored_range, settings, choice, warning, field, derivatives, roles, noise, range_sigmas };
+        Prepared { settings, choice, range_sigma: range_sigmas.shares, stored_range: scan.range, field, roles };
     Ok((prepared, counts))
-}
-
-/// Says so where a spline is fitted to edges that are too sharp for it.
-fn under_sampling(
-    tracer: &Tracer<'_>,
-    source: &GradientSource,
-    field: &WorkingField,
-    settings: &Settings,
-) -> Option<String> {
-    let GradientSource::Spline(coefficients) = source else { return None };
-    let spline = Evaluator::new(coefficients, field.spacing);
-    let blur = edge_statistics(tracer, &spline, field.dims())?.samples_across(field.spacing, 0.0);
-    (blur < LEAST_BLUR).then(|| {
-        format!(
-            "boundaries blurred by {blur:.2} samples are under-sampled for --derivative {}: it rings beside them and finds \
-             boundaries that are none; --method auto or fast do not",
-            settings.kernel
-        )
-    })
-}
-
-/// Standard deviation of the rounding of values to whole numbers, in working units: a uniform distribution's. 0 for
-/// floats.
-fn quantisation_noise(grid: &Grid, field: &WorkingField) -> f32 {
-    match grid.scalars {
-        Scalars::F32(_) | Scalars::F64(_) => 0.0,
-        _ => (grid.slope.abs() / field.value_scale / 12.0_f64.sqrt()) as f32,
-    }
-}
-
-/// Splines through the derivatives, where the reconstruction asks for them.
-struct DerivativeSplines(Option<[Coefficients; 2]>);
-
-impl DerivativeSplines {
-    fn new(derivatives: &Derivatives, reconstruction: Reconstruction) -> Result<Self> {
-        let degree = match reconstruction {
-            Reconstruction::Linear | Reconstruction::Exact => return Ok(Self(None)),
-            Reconstruction::Cubic => Degree::Cubic,
-            Reconstruction::Quintic => Degree::Quintic,
-        };
-        Ok(Self(Some([
-            spline_through(&derivatives.second_derivative, degree)?,
-            spline_through(&derivatives.gradient_magnitude, degree)?,
-        ])))
-    }
-
-    fn smooth<'a>(
-        &'a self,
-        field: &'a WorkingField,
-        source: &'a GradientSource,
-        settings: &Settings,
-    ) -> Option<Smooth<'a>> {
-        let evaluator = |coefficients| Evaluator::new(coefficients, field.spacing);
-        match (&self.0, source) {
-            (Some([second_derivative, gradient_magnitude]), _) => Some(Smooth::Fields {
-                second_derivative: evaluator(second_derivative),
-                gradient_magnitude: evaluator(gradient_magnitude),
-                values: (Sampler::new(field.dims()), voxels(&field.values)),
-            }),
-            (None, GradientSource::Spline(value)) if settings.reconstruction == Reconstruction::Exact => {
-                Some(Smooth::Exact { value: evaluator(value), operator: settings.operator })
-            }
-            _ => None,
-        }
-    }
 }

@@ -13,6 +13,10 @@ pub struct Report {
     pub input: String,
     /// Voxels along x, y, z.
     pub dims: [u32; 3],
+    /// Blocks that the volume was prepared in.
+    pub blocks: usize,
+    /// Blocks that an earlier run had finished.
+    pub blocks_before: usize,
     /// Threads used.
     pub threads: usize,
     /// Seconds of each stage, in order.
@@ -80,6 +84,30 @@ pub struct Counts {
     pub mixed_cells: u64,
 }
 
+impl Counts {
+    /// Of both.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        let (a, b) = (self.to_numbers(), other.to_numbers());
+        Self::from_numbers(std::array::from_fn(|index| a[index] + b[index]))
+    }
+
+    /// The counts in their order.
+    #[must_use]
+    pub fn to_numbers(&self) -> [u64; 11] {
+        let Self { voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells } =
+            *self;
+        [voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells]
+    }
+
+    /// Counts by their order.
+    #[must_use]
+    pub fn from_numbers(numbers: [u64; 11]) -> Self {
+        let [voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells] = numbers;
+        Self { voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells }
+    }
+}
+
 /// Times stages.
 pub struct Stopwatch {
     stages: Vec<Stage>,
@@ -99,9 +127,13 @@ impl Stopwatch {
         Self { stages: Vec::new(), start: Instant::now() }
     }
 
-    /// Ends the stage that runs since the last call.
+    /// Ends the stage that runs since the last call; time of a stage that was there before is added to it.
     pub fn lap(&mut self, name: &'static str) {
-        self.stages.push(Stage { name, seconds: self.start.elapsed().as_secs_f64() });
+        let seconds = self.start.elapsed().as_secs_f64();
+        match self.stages.iter_mut().find(|stage| stage.name == name) {
+            Some(stage) => stage.seconds += seconds,
+            None => self.stages.push(Stage { name, seconds }),
+        }
         self.start = Instant::now();
     }
 

@@ -8,9 +8,10 @@ use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
 use crate::Result;
 use crate::boundary::{Role, Tracer, Work};
 use crate::progress::Progress;
+use crate::region::Region;
 use crate::simd;
 
-/// Roles of all voxels, x fastest, in working units.
+/// Roles of the voxels of a region, x fastest, in working units.
 #[derive(Clone, Debug)]
 pub struct Roles {
     /// Signed distance in multiples of L_min; NaN without a boundary, infinite for masked voxels.
@@ -33,13 +34,13 @@ pub struct Roles {
 pub const MASKED: f32 = f32::INFINITY;
 
 impl Roles {
-    /// Traces every voxel of a volume of `dims` voxels, one slice at a time on every thread.
+    /// Traces every voxel of a region of the tracer's fields, one slice at a time on every thread.
     ///
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
-    pub fn new(tracer: &Tracer<'_>, dims: [usize; 3], progress: &dyn Progress) -> Result<Self> {
-        let [nx, ny, nz] = dims;
-        let count = nx * ny * nz;
+    pub fn new(tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
+        let [nx, ny, _] = region.dims();
+        let count = region.voxel_count();
         let floats = || -> Result<Vec<f32>> {
             let mut values = vec_with_capacity(count, "the voxel roles")?;
             values.resize(count, f32::NAN);
@@ -54,7 +55,6 @@ impl Roles {
             hits: 0,
             masked: 0,
         };
-        progress.begin("rays", nz as u64);
         let slice = nx * ny;
         let totals = roles
             .distance
@@ -65,7 +65,7 @@ impl Roles {
             .enumerate()
             .map(|(k, (((distance, hit_gradient), hit_value), normal))| {
                 let mut slice = Slice { distance, hit_gradient, hit_value, normal };
-                let totals = dispatch!(simd::level(), simd => trace_slice(simd, tracer, nx, k, &mut slice));
+                let totals = dispatch!(simd::level(), simd => trace_slice(simd, tracer, &region, k, &mut slice));
                 progress.step();
                 totals
             })
@@ -89,12 +89,13 @@ struct Slice<'a> {
     normal: &'a mut [u16],
 }
 
-/// Traces the voxels of slice `k`, whose rows have `nx` voxels.
+/// Traces the voxels of slice `k` of a region.
 #[inline(always)]
-fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, nx: usize, k: usize, slice: &mut Slice<'_>) -> Totals {
+fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, region: &Region, k: usize, slice: &mut Slice<'_>) -> Totals {
     let mut totals = Totals::default();
+    let (width, [x, y, z]) = (region.dims()[0], region.start);
     for voxel in 0..slice.distance.len() {
-        match tracer.role([voxel % nx, voxel / nx, k], &mut totals.work) {
+        match tracer.role([x + voxel % width, y + voxel / width, z + k], &mut totals.work) {
             Role::Masked => {
                 slice.distance[voxel] = MASKED;
                 totals.masked += 1;

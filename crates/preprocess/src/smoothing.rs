@@ -6,7 +6,7 @@ use crate::gaussian::gaussian;
 use crate::noise_gain::NoiseGain;
 use crate::report::FieldSigma;
 use crate::settings::{Smoothing, SmoothingSettings};
-use crate::working_field::{Field, WorkingField, voxels};
+use crate::working_field::{Field, WorkingField};
 
 /// σr of the paper's filters of derivatives in multiples of the filtered field's estimated noise: differences of noise
 /// alone keep most of their weight, an edge of ten times the noise keeps 0.4 %.
@@ -16,18 +16,54 @@ pub const RANGE_SIGMA_PER_NOISE: f32 = 3.0;
 pub const RANGE_SIGMA_OF_VALUE: f32 = 0.4;
 
 /// σr of each bilaterally filtered field.
-pub type RangeSigmas = Vec<FieldSigma>;
+#[derive(Clone, Debug, Default)]
+pub struct RangeSigmas {
+    /// As the report gives them.
+    pub shares: Vec<FieldSigma>,
+    /// In the units of the filtered fields, in the same order.
+    working: Vec<f32>,
+}
+
+impl RangeSigmas {
+    /// That of the value, whose working numbers lie between two; none where the value is not filtered.
+    #[must_use]
+    pub fn of_value(settings: &SmoothingSettings, [a, b]: [f32; 2]) -> Self {
+        let mut sigmas = Self::default();
+        if settings.placement == Smoothing::BilateralValue {
+            sigmas.add("value", (b - a).abs(), |range| RANGE_SIGMA_OF_VALUE * range, settings);
+        }
+        sigmas
+    }
+
+    /// Those of gradient magnitude and second derivative, which have these ranges; `noise` is the value's.
+    #[must_use]
+    pub fn of_derivatives(settings: &SmoothingSettings, ranges: [[f32; 2]; 2], noise: f32, gain: NoiseGain) -> Self {
+        let mut sigmas = Self::default();
+        let fields = [("gradient-magnitude", gain.gradient), ("second-derivative", gain.second_derivative)];
+        for ((name, gain), [low, high]) in fields.into_iter().zip(ranges) {
+            sigmas.add(name, (high - low).max(0.0), |_| RANGE_SIGMA_PER_NOISE * noise * gain, settings);
+        }
+        sigmas
+    }
+
+    /// Adds σr of a field, which is `default` of the field's range where the settings name none.
+    fn add(&mut self, field: &'static str, range: f32, default: impl Fn(f32) -> f32, settings: &SmoothingSettings) {
+        let sigma = settings.range_sigma.map_or_else(|| default(range), |share| share as f32 * range);
+        let share = if range > 0.0 { f64::from(sigma / range) } else { 0.0 };
+        self.shares.push(FieldSigma { field, share });
+        self.working.push(sigma);
+    }
+}
 
 /// Smooths the value field where the settings say so.
-pub fn smooth_value(field: &mut WorkingField, settings: &SmoothingSettings, sigmas: &mut RangeSigmas) {
+pub fn smooth_value(field: &mut WorkingField, settings: &SmoothingSettings, sigmas: &RangeSigmas) {
     match settings.placement {
         Smoothing::None | Smoothing::BilateralDerivatives => {}
         Smoothing::GaussianValue => {
             field.values = gaussian(&field.values, field.spacing, settings.spatial_sigma as f32, settings.radius);
         }
         Smoothing::BilateralValue => {
-            let default = |range| RANGE_SIGMA_OF_VALUE * range;
-            field.values = filtered(&field.values, "value", default, field.spacing, settings, sigmas);
+            field.values = filtered(&field.values, field.spacing, sigmas.working[0], settings);
         }
     }
 }
@@ -36,19 +72,14 @@ pub fn smooth_value(field: &mut WorkingField, settings: &SmoothingSettings, sigm
 pub fn smooth_derivatives(
     derivatives: &mut Derivatives,
     spacing: [f32; 3],
-    noise: f32,
-    gain: NoiseGain,
     settings: &SmoothingSettings,
-    sigmas: &mut RangeSigmas,
+    sigmas: &RangeSigmas,
 ) {
-    if settings.placement != Smoothing::BilateralDerivatives {
-        return;
-    }
-    for (name, gain, derivative) in [
-        ("gradient-magnitude", gain.gradient, &mut derivatives.gradient_magnitude),
-        ("second-derivative", gain.second_derivative, &mut derivatives.second_derivative),
-    ] {
-        *derivative = filtered(derivative, name, |_| RANGE_SIGMA_PER_NOISE * noise * gain, spacing, settings, sigmas);
+    if settings.placement == Smoothing::BilateralDerivatives {
+        let Derivatives { gradient_magnitude, second_derivative } = derivatives;
+        for (field, &sigma) in [gradient_magnitude, second_derivative].into_iter().zip(&sigmas.working) {
+            *field = filtered(field, spacing, sigma, settings);
+        }
     }
 }
 
@@ -62,23 +93,7 @@ pub fn sigma_on_noise(settings: &SmoothingSettings) -> Option<f32> {
     }
 }
 
-/// The field after a bilateral filter, whose σr is `default` of the field's range where the settings name none.
-fn filtered(
-    field: &Field,
-    name: &'static str,
-    default: impl Fn(f32) -> f32,
-    spacing: [f32; 3],
-    settings: &SmoothingSettings,
-    sigmas: &mut RangeSigmas,
-) -> Field {
-    let (low, high) = voxels(field)
-        .iter()
-        .filter(|value| !value.is_nan())
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
-    let range = (high - low).max(0.0);
-    let range_sigma = settings.range_sigma.map_or_else(|| default(range), |share| share as f32 * range);
-    let share = if range > 0.0 { f64::from(range_sigma / range) } else { 0.0 };
-    sigmas.push(FieldSigma { field: name, share });
+fn filtered(field: &Field, spacing: [f32; 3], range_sigma: f32, settings: &SmoothingSettings) -> Field {
     bilateral(
         field,
         spacing,

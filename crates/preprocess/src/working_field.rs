@@ -7,8 +7,9 @@ use ndarray::Array3;
 use rayon::prelude::*;
 use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::scalar::Scalar;
-use voxrole_pack::{Scalars, with_scalars};
+use voxrole_pack::{ScalarType, Scalars, with_scalars};
 
+use crate::source::Source;
 use crate::{Error, Grid, Result};
 
 /// A volume of f32, indexed (z, y, x), so that x is fastest.
@@ -29,38 +30,109 @@ pub struct WorkingField {
     pub smallest_spacing: f64,
 }
 
+/// How stored numbers become a working field, the same for every part of a volume.
+#[derive(Clone, Copy, Debug)]
+pub struct Scaling {
+    shift: f64,
+    factor: f64,
+    spacing: [f32; 3],
+    value_scale: f64,
+    value_offset: f64,
+    smallest_spacing: f64,
+}
+
+impl Scaling {
+    /// The scaling of a volume whose finite stored numbers lie in `low..=high`. Types that f32 does not hold exactly (u32,
+    /// i32, f64) are first shifted by the middle of their range where they lie far from 0, so that a large offset costs no
+    /// precision.
+    #[must_use]
+    pub fn new(source: &Source<'_>, [low, high]: [f64; 2]) -> Self {
+        let shift = shift(source.scalar_type(), low, high);
+        let largest = (low - shift).abs().max((high - shift).abs());
+        let scale = power_of_two_at_least(largest);
+        // A negative slope turns the field upside down; the sign belongs to the value, not to the scale.
+        let sign = source.slope.signum();
+        let smallest_spacing = source.geometry.smallest_spacing();
+        Self {
+            shift,
+            factor: sign / scale,
+            spacing: source.geometry.spacing.map(|spacing| (spacing / smallest_spacing) as f32),
+            value_scale: source.slope.abs() * scale,
+            value_offset: source.slope.mul_add(shift, source.intercept),
+            smallest_spacing,
+        }
+    }
+
+    /// The working field of stored numbers, of a part of `dims` voxels, x fastest.
+    ///
+    /// # Errors
+    /// [`Error::Pack`] when memory runs out.
+    ///
+    /// # Panics
+    /// When there are more or fewer numbers than voxels.
+    pub fn field(&self, scalars: &Scalars, [nx, ny, nz]: [usize; 3]) -> Result<WorkingField> {
+        let Self { shift, factor, spacing, value_scale, value_offset, smallest_spacing } = *self;
+        let mut values = vec_with_capacity(scalars.len(), "the value field")?;
+        with_scalars!(scalars, stored => {
+            stored.par_iter().map(|value| scaled(value.to_f64(), shift, factor)).collect_into_vec(&mut values);
+        });
+        let values = Array3::from_shape_vec((nz, ny, nx), values).expect("a number for every voxel");
+        Ok(WorkingField { values, spacing, value_scale, value_offset, smallest_spacing })
+    }
+
+    /// A stored number as the field has it.
+    #[must_use]
+    pub fn working(&self, stored: f64) -> f32 {
+        scaled(stored, self.shift, self.factor)
+    }
+
+    /// Physical value per working one; positive.
+    #[must_use]
+    pub fn value_scale(&self) -> f64 {
+        self.value_scale
+    }
+
+    /// Physical value of a working 0.
+    #[must_use]
+    pub fn value_offset(&self) -> f64 {
+        self.value_offset
+    }
+
+    /// L_min in world units.
+    #[must_use]
+    pub fn smallest_spacing(&self) -> f64 {
+        self.smallest_spacing
+    }
+
+    /// Physical gradient magnitude per working one.
+    #[must_use]
+    pub fn gradient_scale(&self) -> f64 {
+        self.value_scale / self.smallest_spacing
+    }
+
+    /// Physical second derivative per working one.
+    #[must_use]
+    pub fn second_derivative_scale(&self) -> f64 {
+        self.value_scale / (self.smallest_spacing * self.smallest_spacing)
+    }
+
+    /// Distance between voxels along x, y, z in multiples of L_min.
+    #[must_use]
+    pub fn spacing(&self) -> [f32; 3] {
+        self.spacing
+    }
+}
+
 impl WorkingField {
-    /// Scales a grid's values. Types that f32 does not hold exactly (u32, i32, f64) are first shifted by the middle of
-    /// their range where they lie far from 0, so that a large offset costs no precision.
+    /// The working field of a whole grid.
     ///
     /// # Errors
     /// [`Error::Parameter`] when no voxel is finite, [`Error::Pack`] when memory runs out.
     pub fn new(grid: &Grid) -> Result<Self> {
-        let [low, high] = grid.scalars.finite_range().ok_or_else(|| {
+        let range = grid.scalars.finite_range().ok_or_else(|| {
             Error::Parameter(format!("{}: every voxel is NaN or infinite; there is nothing to prepare", grid.name))
         })?;
-        let shift = shift(&grid.scalars, low, high);
-        let largest = (low - shift).abs().max((high - shift).abs());
-        let scale = power_of_two_at_least(largest);
-        // A negative slope turns the field upside down; the sign belongs to the value, not to the scale.
-        let sign = grid.slope.signum();
-        let factor = sign / scale;
-
-        let [nx, ny, nz] = grid.geometry.dims_usize();
-        let mut values = vec_with_capacity(grid.scalars.len(), "the value field")?;
-        with_scalars!(&grid.scalars, stored => {
-            stored.par_iter().map(|value| scaled(value.to_f64(), shift, factor)).collect_into_vec(&mut values);
-        });
-        let values = Array3::from_shape_vec((nz, ny, nx), values)
-            .map_err(|error| Error::Parameter(format!("{}: {error}", grid.name)))?;
-        let smallest_spacing = grid.geometry.smallest_spacing();
-        Ok(Self {
-            values,
-            spacing: grid.geometry.spacing.map(|spacing| (spacing / smallest_spacing) as f32),
-            value_scale: grid.slope.abs() * scale,
-            value_offset: grid.slope.mul_add(shift, grid.intercept),
-            smallest_spacing,
-        })
+        Scaling::new(&Source::from(grid), range).field(&grid.scalars, grid.geometry.dims_usize())
     }
 
     /// Voxels along x, y, z.
@@ -108,12 +180,12 @@ pub fn voxels_mut(field: &mut Field) -> &mut [f32] {
 
 /// What is taken off stored numbers before they become f32. Values near 0 are left alone: they may be tails that are
 /// known to many digits.
-fn shift(scalars: &Scalars, low: f64, high: f64) -> f64 {
+fn shift(scalar_type: ScalarType, low: f64, high: f64) -> f64 {
     let is_far = low.abs().max(high.abs()) > 2.0 * (high - low);
     let middle = low / 2.0 + high / 2.0;
-    match scalars {
-        Scalars::U32(_) | Scalars::I32(_) if is_far => middle.trunc(),
-        Scalars::F64(_) if is_far => middle,
+    match scalar_type {
+        ScalarType::U32 | ScalarType::I32 if is_far => middle.trunc(),
+        ScalarType::F64 if is_far => middle,
         _ => 0.0,
     }
 }

@@ -1,9 +1,12 @@
 //! Cells that can hold a zero crossing of f'', and how far every other cell is from one.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use ndarray::{ArrayViewMut2, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
+use crate::region::Region;
 use crate::row_windows::{WINDOW, windows};
 use crate::working_field::{Field, dims_of, voxels};
 
@@ -50,11 +53,16 @@ impl CellDistances {
         Self { cells, dims }
     }
 
-    /// Number of mixed cells.
+    /// Number of mixed cells among those of a region.
     #[must_use]
-    pub fn mixed_count(&self) -> u64 {
-        let count = |cells: &[u8]| cells.iter().filter(|&&distance| distance == 0).count() as u64;
-        self.cells.par_chunks(1 << 16).map(count).sum()
+    pub fn mixed_count(&self, region: &Region) -> u64 {
+        let in_slice = |k: usize| {
+            let slice =
+                Region { start: [region.start[0], region.start[1], k], end: [region.end[0], region.end[1], k + 1] };
+            let row = |row: Range<usize>| self.cells[row].iter().filter(|&&distance| distance == 0).count() as u64;
+            slice.rows(self.dims).map(row).sum::<u64>()
+        };
+        (region.start[2]..region.end[2]).into_par_iter().map(in_slice).sum()
     }
 }
 

@@ -2,8 +2,7 @@
 
 use super::figures::Roles;
 use super::{Case, Figures, Method, Truth};
-use crate::packing::Prepared;
-use crate::prepare::compute_roles;
+use crate::prepare::{Prepared, compute_roles};
 use crate::progress::Silent;
 use crate::report::Stopwatch;
 use crate::settings::{Automatic, Settings, Smoothing};
@@ -64,13 +63,13 @@ pub fn measure(case: &Case, methods: &[Method], repeats: usize) -> Result<Vec<Ro
     Ok(rows)
 }
 
-pub(crate) fn timed<'a>(grid: &'a Grid, settings: &Settings) -> Result<(Prepared<'a>, f64)> {
+pub(crate) fn timed(grid: &Grid, settings: &Settings) -> Result<(Prepared, f64)> {
     let mut watch = Stopwatch::new();
     let (prepared, _) = compute_roles(grid, settings, &Silent, &mut watch)?;
     Ok((prepared, watch.total()))
 }
 
-pub(crate) fn roles_of<'a>(prepared: &'a Prepared<'_>) -> Roles<'a> {
+pub(crate) fn roles_of(prepared: &Prepared) -> Roles<'_> {
     Roles {
         distance: &prepared.roles.distance,
         hit_gradient: &prepared.roles.hit_gradient,
@@ -81,16 +80,17 @@ pub(crate) fn roles_of<'a>(prepared: &'a Prepared<'_>) -> Roles<'a> {
 /// The settings that give, on the scene without noise and rounding, the crossing of the field as it was smoothed.
 ///
 /// None for filtered derivatives: each of the two has a range σ of its own, taken from the noise that is gone.
-pub(crate) fn own(prepared: &Prepared<'_>, clean: &Grid, truth: &Truth) -> Option<Settings> {
+pub(crate) fn own(prepared: &Prepared, clean: &Grid, truth: &Truth) -> Option<Settings> {
     let mut settings = Settings { automatic: Automatic::default(), ..prepared.settings };
     match settings.smoothing.placement {
         Smoothing::BilateralDerivatives => return None,
         Smoothing::None | Smoothing::GaussianValue => {}
         Smoothing::BilateralValue => {
             // The same σ as a share of the smaller range.
-            let range = |grid: &Grid| grid.scalars.finite_range().map(|[low, high]| high - low);
-            let ratio = range(prepared.grid)? / (range(clean)? * truth.stored_per_value);
-            let share = prepared.range_sigmas.first()?.share * ratio;
+            let [low, high] = prepared.stored_range;
+            let [clean_low, clean_high] = clean.scalars.finite_range()?;
+            let ratio = (high - low) / ((clean_high - clean_low) * truth.stored_per_value);
+            let share = prepared.range_sigma.first()?.share * ratio;
             settings.smoothing.range_sigma = Some(share).filter(|share| *share > 0.0);
         }
     }

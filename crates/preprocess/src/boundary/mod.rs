@@ -24,21 +24,33 @@ pub const GRADIENT_FLOOR: f32 = 4.0 / (1 << 24) as f32;
 
 /// The gradient magnitude that a boundary must have.
 #[derive(Clone, Debug)]
-pub struct GradientFloor(Option<(GradientNoise, f32)>);
+pub struct GradientFloor {
+    noise: Option<(GradientNoise, f32)>,
+    /// Where in the volume the fields begin.
+    origin: [usize; 3],
+}
 
 impl GradientFloor {
     /// [`GRADIENT_FLOOR`] everywhere.
-    pub const ROUNDING: Self = Self(None);
+    pub const ROUNDING: Self = Self { noise: None, origin: [0; 3] };
 
     /// So many deviations of the gradient's noise at each voxel, and [`GRADIENT_FLOOR`] at least.
     #[must_use]
     pub fn new(noise: GradientNoise, deviations: f32) -> Self {
-        Self((deviations > 0.0).then_some((noise, deviations)))
+        Self { noise: (deviations > 0.0).then_some((noise, deviations)), origin: [0; 3] }
+    }
+
+    /// The same for fields that begin at a voxel of the volume.
+    #[must_use]
+    pub fn from_voxel(&self, origin: [usize; 3]) -> Self {
+        Self { noise: self.noise.clone(), origin }
     }
 
     #[inline]
     fn at(&self, voxel: [usize; 3]) -> f32 {
-        self.0.as_ref().map_or(GRADIENT_FLOOR, |(noise, deviations)| (deviations * noise.at(voxel)).max(GRADIENT_FLOOR))
+        let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
+        let [x, y, z] = self.origin;
+        (deviations * noise.at([x + voxel[0], y + voxel[1], z + voxel[2]])).max(GRADIENT_FLOOR)
     }
 }
 
@@ -432,6 +444,12 @@ impl<'a> Tracer<'a> {
         let place = self.sampler.place(up, t)?;
         work.evaluations += 1;
         Some(smooth.edge(&place))
+    }
+
+    /// The sampler of the fields.
+    #[must_use]
+    pub fn sampler(&self) -> Sampler {
+        self.sampler
     }
 
     fn t(&self, k: u32) -> f32 {

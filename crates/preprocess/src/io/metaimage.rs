@@ -7,9 +7,10 @@ use voxrole_pack::ScalarType;
 
 use super::header::{Fields, HeaderLines, shown};
 use super::payload::{Encoding, Payload, Start};
-use super::placement::{self, FileFrame, Placement};
+use super::placement::{FileFrame, Placement};
 use super::raw::{ByteOrder, StoredType};
-use crate::{Grid, Result};
+use super::volume_file::VolumeFile;
+use crate::Result;
 
 /// Names of the field that ends a header, and of those that may begin one.
 const DATA_FILE: &str = "ElementDataFile";
@@ -25,12 +26,12 @@ pub(super) fn is_header(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path) -> Result<Grid> {
+pub(super) fn read(path: &Path) -> Result<VolumeFile> {
     let (fields, header_bytes) = parse(path)?;
     let geometry = placement(&fields)?.geometry(path)?;
     let (detached, start) = data_start(&fields, header_bytes)?;
     let payload = Payload {
-        path: detached.as_deref().unwrap_or(path),
+        path: detached.unwrap_or_else(|| path.to_owned()),
         start,
         encoding: encoding(&fields)?,
         decoded_skip: 0,
@@ -41,7 +42,7 @@ pub(super) fn read(path: &Path) -> Result<Grid> {
     if payload.start == Start::FileEnd && payload.encoding != Encoding::Plain {
         return Err(fields.unexpected("HeaderSize", "a count from 0 up, since the data are compressed", "-1"));
     }
-    placement::grid(path, geometry, payload.read()?, 1.0, 0.0)
+    VolumeFile::new(path, geometry, payload, 1.0, 0.0)
 }
 
 /// The fields up to `ElementDataFile`, which is the last, and the length of their lines.

@@ -9,6 +9,8 @@ pub mod nrrd_writer;
 mod payload;
 mod placement;
 pub mod raw;
+mod stored_voxels;
+mod volume_file;
 
 use std::ffi::OsStr;
 use std::io::{BufReader, Read};
@@ -17,6 +19,8 @@ use std::path::Path;
 use flate2::bufread::MultiGzDecoder;
 
 pub use raw::{ByteOrder, RawLayout, StoredType};
+pub use stored_voxels::StoredVoxels;
+pub use volume_file::{StoredVolume, VolumeFile};
 
 use crate::{Error, Grid, Result};
 
@@ -27,15 +31,24 @@ const PROBE_BYTES: usize = 352;
 const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha) or NIfTI-1 (.nii, .nii.gz, .hdr with \
 .img); if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
 
-/// Reads a volume, finding the format by the file's content.
+/// Reads a volume: [`open_volume`] and [`VolumeFile::load`] in one.
+///
+/// # Errors
+/// As [`open_volume`]; [`Error::Format`] too when there are fewer or more numbers than the header says, or damaged ones,
+/// [`Error::OutOfMemory`].
+pub fn read_volume(path: &Path, raw: Option<&RawLayout>) -> Result<Grid> {
+    open_volume(path, raw)?.load()
+}
+
+/// Reads the header of a volume, finding the format by the file's content.
 ///
 /// With `raw` the file is read as headerless numbers, whatever it looks like. Numbers keep their own type; world
 /// positions are in the file's unit, and in the frame left-posterior-superior wherever the file says what its axes mean.
 ///
 /// # Errors
 /// [`Error::Io`] when the operating system refuses, [`Error::Format`] for a file of another kind or whose content is not
-/// what its format demands, [`Error::OutOfMemory`]. Each names the file, what was expected and what was found.
-pub fn read_volume(path: &Path, raw: Option<&RawLayout>) -> Result<Grid> {
+/// what its format demands. Each names the file, what was expected and what was found.
+pub fn open_volume(path: &Path, raw: Option<&RawLayout>) -> Result<VolumeFile> {
     if let Some(layout) = raw {
         return raw::read(path, layout);
     }

@@ -10,9 +10,10 @@ use flate2::bufread::MultiGzDecoder;
 use voxrole_pack::ScalarType;
 
 use super::payload::{self, Encoding, Payload, Start};
-use super::placement::{self, FileFrame, Placement};
+use super::placement::{FileFrame, Placement};
 use super::raw::{ByteOrder, StoredType};
-use crate::{Error, Grid, Result};
+use super::volume_file::VolumeFile;
+use crate::{Error, Result};
 
 /// Bytes of the header, which are also its first number.
 const HEADER_BYTES: usize = 348;
@@ -36,7 +37,7 @@ fn has_magic(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path, packed: bool) -> Result<Grid> {
+pub(super) fn read(path: &Path, packed: bool) -> Result<VolumeFile> {
     let header = Header::read(path, packed)?;
     let geometry = header.placement()?.geometry(path)?;
     let (slope, intercept) = header.mapping()?;
@@ -47,9 +48,16 @@ pub(super) fn read(path: &Path, packed: bool) -> Result<Grid> {
     let (encoding, start, decoded_skip) =
         if packed { (Encoding::Gzip, 0, offset) } else { (Encoding::Plain, offset, 0) };
     let hint = "check `dim`, `datatype` and `vox_offset` of the header";
-    let payload =
-        Payload { path: data, start: Start::Offset(start), encoding, decoded_skip, dims: geometry.dims, stored, hint };
-    placement::grid(path, geometry, payload.read()?, slope, intercept)
+    let payload = Payload {
+        path: data.to_owned(),
+        start: Start::Offset(start),
+        encoding,
+        decoded_skip,
+        dims: geometry.dims,
+        stored,
+        hint,
+    };
+    VolumeFile::new(path, geometry, payload, slope, intercept)
 }
 
 /// The header's bytes and what is needed to understand them.

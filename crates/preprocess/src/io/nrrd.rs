@@ -6,16 +6,17 @@ use std::path::Path;
 use voxrole_pack::ScalarType;
 
 use super::header::{Fields, HeaderLines, shown};
+use super::nrrd_axes;
 use super::payload::{self, Encoding, Payload, Start};
 use super::raw::{ByteOrder, StoredType};
-use super::{nrrd_axes, placement};
-use crate::{Error, Grid, Result};
+use super::volume_file::VolumeFile;
+use crate::{Error, Result};
 
-/// Reads one volume.
+/// Reads a volume's header.
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path) -> Result<Grid> {
+pub(super) fn read(path: &Path) -> Result<VolumeFile> {
     let mut lines = HeaderLines::open(path)?;
     let (fields, ended_by_blank_line) = parse(path, &mut lines)?;
     let geometry = nrrd_axes::placement(&fields)?.geometry(path)?;
@@ -31,7 +32,7 @@ pub(super) fn read(path: &Path) -> Result<Grid> {
     };
     let (data, base) = detached.as_deref().map_or((path, lines.offset()), |data| (data, 0));
     let payload = Payload {
-        path: data,
+        path: data.to_owned(),
         start: Start::Offset(base),
         encoding: encoding(&fields)?,
         decoded_skip: 0,
@@ -39,8 +40,7 @@ pub(super) fn read(path: &Path) -> Result<Grid> {
         stored,
         hint: "check `sizes`, `type` and the skips of the header",
     };
-    let scalars = skipping(&fields, payload, base)?.read()?;
-    placement::grid(path, geometry, scalars, 1.0, 0.0)
+    VolumeFile::new(path, geometry, skipping(&fields, payload, base)?, 1.0, 0.0)
 }
 
 /// The header's fields, and whether a blank line ended them.
@@ -117,7 +117,7 @@ fn single_file<'v>(fields: &Fields<'_>, value: &'v str) -> Result<&'v str> {
 
 /// `payload` behind `line skip` and `byte skip`. Bytes are counted in the unpacked stream, lines in the file, as teem
 /// does it.
-fn skipping<'p>(fields: &Fields<'_>, payload: Payload<'p>, base: u64) -> Result<Payload<'p>> {
+fn skipping(fields: &Fields<'_>, payload: Payload, base: u64) -> Result<Payload> {
     let lines: u64 = fields.number("line skip")?.unwrap_or(0);
     let bytes: i64 = fields.number("byte skip")?.unwrap_or(0);
     let packed = payload.encoding != Encoding::Plain;
@@ -127,7 +127,7 @@ fn skipping<'p>(fields: &Fields<'_>, payload: Payload<'p>, base: u64) -> Result<
     let bytes = u64::try_from(bytes).map_err(|_| {
         fields.unexpected("byte skip", "a count from 0 up, or -1 with encoding raw", &bytes.to_string())
     })?;
-    let offset = behind_lines(payload.path, base, lines)?;
+    let offset = behind_lines(&payload.path, base, lines)?;
     if packed {
         return Ok(Payload { start: Start::Offset(offset), decoded_skip: bytes, ..payload });
     }

@@ -4,8 +4,8 @@
 //! memory is taken, compressed data grow the array only as they come out of the stream, and stop at the expected length.
 
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 
 use flate2::bufread::MultiGzDecoder;
 use flate2::{Decompress, FlushDecompress, Status};
@@ -13,6 +13,7 @@ use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{ScalarType, Scalars};
 
 use super::raw::{ByteOrder, StoredType};
+use super::stored_voxels::StoredVoxels;
 use crate::{Error, Result};
 
 /// How a gzip file begins: its mark, and deflate as the method.
@@ -41,10 +42,10 @@ pub(super) enum Encoding {
 }
 
 /// Where a volume's numbers lie, and how.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Payload<'a> {
+#[derive(Clone, Debug)]
+pub(super) struct Payload {
     /// The file that holds the numbers.
-    pub path: &'a Path,
+    pub path: PathBuf,
     pub start: Start,
     pub encoding: Encoding,
     /// Bytes to drop behind the decompression; 0 for plain data.
@@ -53,7 +54,7 @@ pub(super) struct Payload<'a> {
     pub dims: [u32; 3],
     pub stored: StoredType,
     /// What to check when the length does not fit.
-    pub hint: &'a str,
+    pub hint: &'static str,
 }
 
 /// Opens a plain file, and gives its length.
@@ -71,7 +72,7 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     Ok((File::open(path).map_err(Error::io(path))?, metadata.len()))
 }
 
-impl Payload<'_> {
+impl Payload {
     /// Length of the numbers, unpacked. Requires dimensions that the geometry's check lets through.
     pub fn expected_bytes(&self) -> u64 {
         let size = self.stored.scalar_type.size_in_bytes() as u64;
@@ -84,14 +85,35 @@ impl Payload<'_> {
     /// [`Error::Io`]; [`Error::Format`] when there are fewer or more bytes than the grid needs, or damaged ones;
     /// [`Error::OutOfMemory`].
     pub fn read(&self) -> Result<Scalars> {
-        let (mut file, length) = open(self.path)?;
+        self.decode(|decoding| decoding.scalars())
+    }
+
+    /// Makes the numbers accessible region by region; compressed ones are unpacked into a temporary file in `folder`.
+    ///
+    /// # Errors
+    /// As [`Self::read`], but for memory; [`Error::Io`] when `folder` cannot be written to.
+    pub fn stored(self, folder: &Path) -> Result<StoredVoxels> {
+        let (file, offset) = if self.encoding == Encoding::Plain {
+            let (file, length) = open(&self.path)?;
+            (file, self.offset(length)?)
+        } else {
+            let mut file = tempfile::tempfile_in(folder).map_err(Error::io(folder))?;
+            self.decode(|decoding| decoding.copy_to(&mut file, folder))?;
+            (file, 0)
+        };
+        Ok(StoredVoxels { file, path: self.path, offset, dims: self.dims.map(|dim| dim as usize), stored: self.stored })
+    }
+
+    /// Lets `consume` have the stream of numbers, and makes sure that it ends with them.
+    fn decode<T>(&self, consume: impl FnOnce(&mut Decoding<'_>) -> Result<T>) -> Result<T> {
+        let (mut file, length) = open(&self.path)?;
         let offset = self.offset(length)?;
-        file.seek(SeekFrom::Start(offset)).map_err(Error::io(self.path))?;
+        file.seek(SeekFrom::Start(offset)).map_err(Error::io(&self.path))?;
         match self.encoding {
-            Encoding::Plain => Decoding::new(self, &mut file, true).scalars(),
+            Encoding::Plain => consume(&mut Decoding::new(self, &mut file, true)),
             Encoding::Gzip => {
                 let mut stream = MultiGzDecoder::new(BufReader::new(file));
-                self.unpack(&mut stream)
+                self.unpack(&mut stream, consume)
             }
             Encoding::Zlib(packed) => {
                 let available = length - offset;
@@ -100,15 +122,15 @@ impl Payload<'_> {
                         .fail(format!("expected {packed} compressed bytes from byte {offset} on, found {available}")));
                 }
                 let mut stream = ZlibStream::new(BufReader::new(file));
-                let scalars = self.unpack(&mut stream)?;
-                if !stream.input.fill_buf().map_err(Error::io(self.path))?.is_empty() {
+                let numbers = self.unpack(&mut stream, consume)?;
+                if !stream.input.fill_buf().map_err(Error::io(&self.path))?.is_empty() {
                     let message = format!(
                         "expected {} compressed bytes from byte {offset} on, found {available}",
                         stream.inflate.total_in()
                     );
                     return Err(self.fail(message));
                 }
-                Ok(scalars)
+                Ok(numbers)
             }
         }
     }
@@ -133,12 +155,12 @@ impl Payload<'_> {
         Ok(offset)
     }
 
-    fn unpack(&self, stream: &mut dyn Read) -> Result<Scalars> {
+    fn unpack<T>(&self, stream: &mut dyn Read, consume: impl FnOnce(&mut Decoding<'_>) -> Result<T>) -> Result<T> {
         let mut decoding = Decoding::new(self, stream, false);
         decoding.skip()?;
-        let scalars = decoding.scalars()?;
+        let numbers = consume(&mut decoding)?;
         decoding.expect_end()?;
-        Ok(scalars)
+        Ok(numbers)
     }
 
     fn expectation(&self) -> String {
@@ -147,13 +169,21 @@ impl Payload<'_> {
     }
 
     fn fail(&self, message: String) -> Error {
-        Error::format(self.path, message)
+        Error::format(&self.path, message)
     }
+}
+
+/// Appends the numbers that `bytes` hold, which are reversed where their order is not the little-endian one.
+pub(super) fn append_numbers<T: Scalar>(bytes: &mut [u8], byte_order: ByteOrder, numbers: &mut Vec<T>) {
+    if byte_order == ByteOrder::Big {
+        bytes.chunks_exact_mut(T::SIZE).for_each(<[u8]>::reverse);
+    }
+    numbers.extend(bytes.chunks_exact(T::SIZE).map(T::from_le));
 }
 
 /// A stream of numbers being read.
 struct Decoding<'a> {
-    payload: &'a Payload<'a>,
+    payload: &'a Payload,
     stream: &'a mut dyn Read,
     /// Whether the stream is known to hold all expected bytes.
     measured: bool,
@@ -162,7 +192,7 @@ struct Decoding<'a> {
 }
 
 impl<'a> Decoding<'a> {
-    fn new(payload: &'a Payload<'a>, stream: &'a mut dyn Read, measured: bool) -> Self {
+    fn new(payload: &'a Payload, stream: &'a mut dyn Read, measured: bool) -> Self {
         Self { payload, stream, measured, found: 0 }
     }
 
@@ -209,12 +239,22 @@ impl<'a> Decoding<'a> {
                 let growth = missing.min(wanted.max(numbers.len()));
                 numbers.try_reserve_exact(growth).map_err(|_| self.out_of_memory())?;
             }
-            if self.payload.stored.byte_order == ByteOrder::Big {
-                chunk.chunks_exact_mut(T::SIZE).for_each(<[u8]>::reverse);
-            }
-            numbers.extend(chunk.chunks_exact(T::SIZE).map(T::from_le));
+            append_numbers(chunk, self.payload.stored.byte_order, &mut numbers);
         }
         Ok(numbers)
+    }
+
+    /// Writes all numbers to a file in `folder`, as they are stored.
+    fn copy_to(&mut self, file: &mut File, folder: &Path) -> Result<()> {
+        let mut missing = self.payload.expected_bytes();
+        let mut buffer = vec![0; CHUNK_BYTES];
+        while missing > 0 {
+            let chunk = &mut buffer[..missing.min(CHUNK_BYTES as u64) as usize];
+            self.fill(chunk)?;
+            file.write_all(chunk).map_err(Error::io(folder))?;
+            missing -= chunk.len() as u64;
+        }
+        Ok(())
     }
 
     /// Fills `chunk`, or says how far the data go.
@@ -320,7 +360,6 @@ impl<R: BufRead> Read for ZlibStream<R> {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
 
     use flate2::Compression;
     use flate2::write::{GzEncoder, ZlibEncoder};
@@ -333,7 +372,7 @@ mod tests {
         let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
         file.write_all(bytes).expect("written");
         let payload = Payload {
-            path: file.path(),
+            path: file.path().to_owned(),
             start,
             encoding,
             decoded_skip,
@@ -433,7 +472,7 @@ mod tests {
         let bytes = vec![7; 5 * CHUNK_BYTES + 3];
         let dims = [bytes.len() as u32, 1, 1];
         let payload = Payload {
-            path: Path::new("none"),
+            path: PathBuf::from("none"),
             start: Start::Offset(0),
             encoding: Encoding::Gzip,
             decoded_skip: 0,

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use voxrole_pack::{GridGeometry, Scalars, WorldFrame};
+use voxrole_pack::{GridGeometry, WorldFrame};
 
-use crate::{Error, Grid, Result};
+use crate::{Error, Result};
 
 /// Deviation from orthonormal axes that is taken for the rounding of a header's decimals. Axes further off are left as
 /// they are, for [`GridGeometry::validate`] to refuse.
@@ -121,16 +121,6 @@ fn unit_name(name: &str) -> std::result::Result<String, String> {
         other => other,
     }
     .to_owned())
-}
-
-/// The grid that a reader gives: named after `path`.
-///
-/// # Errors
-/// [`Error::Format`], naming `path`, for a mapping that cannot be used.
-pub(super) fn grid(path: &Path, geometry: GridGeometry, scalars: Scalars, slope: f64, intercept: f64) -> Result<Grid> {
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    Grid::with_mapping(name, geometry, scalars, slope, intercept)
-        .map_err(|error| Error::format(path, error.to_string()))
 }
 
 #[cfg(test)]

@@ -8,8 +8,8 @@ use std::str::FromStr;
 use voxrole_pack::{GridGeometry, ScalarType};
 
 use super::payload::{self, Encoding, Payload, Start};
-use super::placement;
-use crate::{Error, Grid, Result};
+use super::volume_file::VolumeFile;
+use crate::{Error, Result};
 
 /// Order of a number's bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,11 +76,11 @@ pub struct RawLayout {
 
 const HINT: &str = "check --dims, --dtype and --skip-bytes";
 
-/// Reads a headerless file, gzipped or not.
+/// Finds the numbers of a headerless file, gzipped or not.
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<Grid> {
+pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<VolumeFile> {
     let RawLayout { dims, scalar: stored, spacing, skip_bytes } = *layout;
     let geometry = GridGeometry::axis_aligned(dims, spacing);
     geometry.validate().map_err(|error| {
@@ -90,7 +90,7 @@ pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<Grid> {
         ))
     })?;
     let mut payload = Payload {
-        path,
+        path: path.to_owned(),
         start: Start::Offset(skip_bytes),
         encoding: Encoding::Plain,
         decoded_skip: 0,
@@ -105,7 +105,7 @@ pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<Grid> {
     if fits != Some(length) && file.read_exact(&mut magic).is_ok() && magic == payload::GZIP_MAGIC {
         payload = Payload { start: Start::Offset(0), encoding: Encoding::Gzip, decoded_skip: skip_bytes, ..payload };
     }
-    placement::grid(path, geometry, payload.read()?, 1.0, 0.0)
+    VolumeFile::new(path, geometry, payload, 1.0, 0.0)
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 
 use super::faces::faces_kept;
 use crate::accuracy::{Case, Figures, Method, Row, Truth, chosen, own, roles_of, timed};
-use crate::packing::Prepared;
 use crate::phantom::Phantom;
+use crate::prepare::Prepared;
 use crate::settings::{Automatic, Settings, Smoothing};
 use crate::{Grid, Result};
 
@@ -75,7 +75,7 @@ impl Study {
     /// A bilateral filter on the value keeps its range σ. One on the derivatives takes it from the noise, of which there is
     /// none: its own crossing is that of the derivatives as they are. The filter is even across an edge, so that it moves
     /// no crossing of a field without noise but where edges are close.
-    fn own_settings(&self, prepared: &Prepared<'_>) -> Settings {
+    fn own_settings(&self, prepared: &Prepared) -> Settings {
         let unfiltered = Settings { automatic: Automatic::default(), ..prepared.settings };
         match prepared.settings.smoothing.placement {
             Smoothing::BilateralDerivatives => unfiltered,

@@ -1,0 +1,379 @@
+//! What a run has done so far, block by block, so that the next one can go on.
+//!
+//! The file begins with a mark and a fingerprint of the whole task. One record for each finished block follows: a table,
+//! then the block's bricks and numbers. Every byte is under a checksum, so that a record is whole or none: what a run that
+//! was killed left behind the last whole one is cut off. The file is locked as long as a run uses it.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use serde::{Deserialize, Serialize};
+
+use crate::compression::{self, Packer};
+use crate::directory::{BrickEntry, Extent};
+use crate::writer::PackedBrick;
+use crate::{Error, Result, codec};
+
+/// How the file begins; the digit is its version.
+const MAGIC: [u8; 8] = *b"VXRPART1";
+/// The mark and the fingerprint.
+const HEAD_BYTES: u64 = 40;
+/// Most bytes of a record's table.
+const MAX_TABLE_BYTES: usize = 1 << 26;
+
+/// An output file that is being worked on: no other run works on it as long as this lives.
+#[derive(Debug)]
+pub struct Claim {
+    file: File,
+    path: PathBuf,
+    /// Whether there is something in the file that the next run can go on from.
+    is_needed: bool,
+}
+
+impl Claim {
+    /// Claims `output` by a locked file of the same name with `.unfinished` behind it.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when another run has claimed it, [`Error::Io`] when the file cannot be made.
+    pub fn new(output: &Path) -> Result<Self> {
+        let mut name = output.file_name().unwrap_or_default().to_owned();
+        name.push(".unfinished");
+        let path = output.with_file_name(name);
+        let io = || Error::io(format!("claiming {}", path.display()));
+        loop {
+            let mut options = OpenOptions::new();
+            let file = options.read(true).write(true).create(true).truncate(false).open(&path).map_err(io())?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let message = format!("another run is writing {}: wait for it, or stop it", output.display());
+                    return Err(Error::Parameter(message));
+                }
+                Err(TryLockError::Error(error)) => return Err(io()(error)),
+            }
+            // Whoever had it before may have removed it just now.
+            if is_still_there(&file, &path) {
+                let is_needed = file.metadata().map_err(io())?.len() > 0;
+                return Ok(Self { file, path, is_needed });
+            }
+        }
+    }
+
+    /// Where the file is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Removes the file, whatever is in it.
+    pub fn release(mut self) {
+        self.is_needed = false;
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        if !self.is_needed {
+            // Whoever cannot remove it can do nothing more about it.
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+#[cfg(unix)]
+fn is_still_there(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let identity = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
+    file.metadata().ok().map(identity) == std::fs::metadata(path).ok().map(identity)
+}
+
+#[cfg(not(unix))]
+fn is_still_there(_: &File, path: &Path) -> bool {
+    path.exists()
+}
+
+/// The finished blocks of a task.
+#[derive(Debug)]
+pub struct Unfinished {
+    claim: Claim,
+    file: Mutex<File>,
+    position: u64,
+    records: Vec<Record>,
+    packer: PackerDebug,
+}
+
+/// A block's table; offsets are from the start of the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Record {
+    block: u32,
+    layers: Vec<Vec<BrickEntry>>,
+    numbers: Extent,
+    /// How many numbers there are.
+    count: u32,
+}
+
+/// A packer, of which there is nothing to show.
+struct PackerDebug(Packer);
+
+impl std::fmt::Debug for PackerDebug {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Packer")
+    }
+}
+
+impl Unfinished {
+    /// Goes on where the last run of the same task was stopped; begins anew where there was none, or another task.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn resume(mut claim: Claim, task: [u8; 32]) -> Result<Self> {
+        let io = |action: &str| Error::io(format!("{action} {}", claim.path.display()));
+        let mut file = claim.file.try_clone().map_err(io("opening"))?;
+        let found = read_records(&mut file, task).map_err(io("reading"))?;
+        let (records, position) = match found {
+            Some(found) => found,
+            None => {
+                file.set_len(0).map_err(io("clearing"))?;
+                file.seek(SeekFrom::Start(0)).map_err(io("clearing"))?;
+                file.write_all(&MAGIC).and_then(|()| file.write_all(&task)).map_err(io("writing"))?;
+                (Vec::new(), HEAD_BYTES)
+            }
+        };
+        file.set_len(position).map_err(io("clearing"))?;
+        claim.is_needed = !records.is_empty();
+        Ok(Self { claim, file: Mutex::new(file), position, records, packer: PackerDebug(Packer::new()?) })
+    }
+
+    /// Whether a block is finished.
+    #[must_use]
+    pub fn has(&self, block: usize) -> bool {
+        self.records.iter().any(|record| record.block as usize == block)
+    }
+
+    /// Number of finished blocks.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Whether no block is finished.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// Adds a finished block, and waits until the disk has it.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; what was added before is still there.
+    pub fn append(&mut self, block: usize, layers: &[Vec<PackedBrick>], numbers: &[u64]) -> Result<()> {
+        let (encoding, packed) = self.packer.0.pack(numbers)?;
+        let numbers_crc = crc32fast::hash(&packed);
+        let mut record = Record {
+            block: block as u32,
+            layers: Vec::new(),
+            numbers: Extent { offset: 0, stored_bytes: packed.len() as u32, crc32: numbers_crc, encoding },
+            count: numbers.len() as u32,
+        };
+        // Offsets have a fixed width, so that the table's length does not depend on them.
+        let entry = |brick: &PackedBrick, offset: u64| BrickEntry {
+            extent: Extent {
+                offset,
+                stored_bytes: brick.bytes.len() as u32,
+                crc32: brick.crc32,
+                encoding: brick.encoding,
+            },
+            range: brick.range,
+        };
+        record.layers = layers.iter().map(|bricks| bricks.iter().map(|brick| entry(brick, 0)).collect()).collect();
+        let table_bytes = codec::encode::<_, MAX_TABLE_BYTES>(&record, "a block's table")?.len() as u64;
+        let mut offset = self.position + 8 + table_bytes;
+        for entries in &mut record.layers {
+            for entry in entries {
+                entry.extent.offset = offset;
+                offset += u64::from(entry.extent.stored_bytes);
+            }
+        }
+        record.numbers.offset = offset;
+        offset += u64::from(record.numbers.stored_bytes);
+        let table = codec::encode::<_, MAX_TABLE_BYTES>(&record, "a block's table")?;
+
+        let mut bytes = Vec::with_capacity((offset - self.position) as usize);
+        bytes.extend_from_slice(&(table.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&crc32fast::hash(&table).to_le_bytes());
+        bytes.extend_from_slice(&table);
+        layers.iter().flatten().for_each(|brick| bytes.extend_from_slice(&brick.bytes));
+        bytes.extend_from_slice(&packed);
+        let file = self.file.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.seek(SeekFrom::Start(self.position))
+            .and_then(|_| file.write_all(&bytes))
+            .and_then(|()| file.sync_data())
+            .map_err(Error::io(format!("writing {}", self.claim.path.display())))?;
+        self.position = offset;
+        self.records.push(record);
+        self.claim.is_needed = true;
+        Ok(())
+    }
+
+    /// The numbers that a block was added with.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Format`], [`Error::Parameter`] for a block that is not finished.
+    pub fn numbers(&self, block: usize) -> Result<Vec<u64>> {
+        let record = self.record(block)?;
+        compression::unpack(record.numbers.encoding, &self.read(record.numbers)?, record.count as usize)
+    }
+
+    /// Brick `brick` of layer `layer` of a block, in the order that they were added in.
+    ///
+    /// # Errors
+    /// As [`Self::numbers`].
+    pub fn brick(&self, block: usize, layer: usize, brick: usize) -> Result<PackedBrick> {
+        let entry = self.record(block)?.layers.get(layer).and_then(|entries| entries.get(brick)).copied();
+        let BrickEntry { extent, range } = entry.ok_or_else(|| {
+            Error::Parameter(format!("{}: block {block} has no brick {brick}", self.claim.path.display()))
+        })?;
+        Ok(PackedBrick { encoding: extent.encoding, bytes: self.read(extent)?, crc32: extent.crc32, range })
+    }
+
+    /// Removes the file: the task is done.
+    pub fn finish(self) {
+        self.claim.release();
+    }
+
+    fn record(&self, block: usize) -> Result<&Record> {
+        self.records
+            .iter()
+            .find(|record| record.block as usize == block)
+            .ok_or_else(|| Error::Parameter(format!("{}: block {block} is not finished", self.claim.path.display())))
+    }
+
+    fn read(&self, extent: Extent) -> Result<Vec<u8>> {
+        let mut bytes = vec![0; extent.stored_bytes as usize];
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.seek(SeekFrom::Start(extent.offset))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(Error::io(format!("reading {}", self.claim.path.display())))?;
+        if crc32fast::hash(&bytes) != extent.crc32 {
+            let message = format!("{} was damaged while it was used; delete it", self.claim.path.display());
+            return Err(Error::Format(message));
+        }
+        Ok(bytes)
+    }
+}
+
+/// All whole records of a task and the position behind them; none where the file is another task's.
+fn read_records(file: &mut File, task: [u8; 32]) -> std::io::Result<Option<(Vec<Record>, u64)>> {
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(0))?;
+    let mut reader = BufReader::with_capacity(1 << 20, file);
+    let mut head = [0; HEAD_BYTES as usize];
+    if length < HEAD_BYTES {
+        return Ok(None);
+    }
+    reader.read_exact(&mut head)?;
+    if head[..8] != MAGIC || head[8..] != task {
+        return Ok(None);
+    }
+    let (mut records, mut position) = (Vec::new(), HEAD_BYTES);
+    while let Some((record, end)) = read_record(&mut reader, position, length)? {
+        records.push(record);
+        position = end;
+    }
+    Ok(Some((records, position)))
+}
+
+/// The record at `position`, and where it ends; none where it is not whole.
+fn read_record(reader: &mut impl Read, position: u64, length: u64) -> std::io::Result<Option<(Record, u64)>> {
+    let mut start = [0; 8];
+    if length < position + 8 {
+        return Ok(None);
+    }
+    reader.read_exact(&mut start)?;
+    let [bytes, crc32] = [0, 4].map(|at| u32::from_le_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]]));
+    let mut offset = position + 8 + u64::from(bytes);
+    if bytes as usize > MAX_TABLE_BYTES || length < offset {
+        return Ok(None);
+    }
+    let mut table = vec![0; bytes as usize];
+    reader.read_exact(&mut table)?;
+    if crc32fast::hash(&table) != crc32 {
+        return Ok(None);
+    }
+    let Ok(record) = codec::decode::<Record, MAX_TABLE_BYTES>(&table, "a block's table") else { return Ok(None) };
+    let bricks = record.layers.iter().flatten().map(|entry| entry.extent);
+    let mut stored = Vec::new();
+    for extent in bricks.chain([record.numbers]) {
+        if extent.offset != offset || length < offset + u64::from(extent.stored_bytes) {
+            return Ok(None);
+        }
+        stored.resize(extent.stored_bytes as usize, 0);
+        reader.read_exact(&mut stored)?;
+        if crc32fast::hash(&stored) != extent.crc32 {
+            return Ok(None);
+        }
+        offset += u64::from(extent.stored_bytes);
+    }
+    Ok(Some((record, offset)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compression::Encoding;
+
+    fn brick(seed: u8) -> PackedBrick {
+        let bytes: Vec<u8> = (0..20 + seed).map(|at| at ^ seed).collect();
+        PackedBrick { encoding: Encoding::Raw, crc32: crc32fast::hash(&bytes), bytes, range: None }
+    }
+
+    fn open(output: &Path, task: u8) -> Unfinished {
+        Unfinished::resume(Claim::new(output).expect("free"), [task; 32]).expect("opens")
+    }
+
+    #[test]
+    fn whole_records_survive_and_torn_ones_do_not() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let output = folder.path().join("out.vxr");
+        let mut unfinished = open(&output, 1);
+        let path = unfinished.claim.path().to_owned();
+        unfinished.append(3, &[vec![brick(1), brick(2)], vec![brick(3)]], &[7; 9]).expect("writes");
+        let first = std::fs::metadata(&path).expect("there").len();
+        unfinished.append(0, &[vec![brick(4)], vec![]], &[1, 2, 3]).expect("writes");
+        drop(unfinished);
+        let whole = std::fs::read(&path).expect("there");
+        for length in 0..=whole.len() {
+            std::fs::write(&path, &whole[..length]).expect("writes");
+            let expected = usize::from(length as u64 >= first) + usize::from(length == whole.len());
+            let unfinished = open(&output, 1);
+            assert_eq!(unfinished.len(), expected, "{length}");
+            if expected > 0 {
+                assert!(unfinished.has(3));
+                assert_eq!(unfinished.brick(3, 0, 1).expect("there"), brick(2));
+                assert_eq!(unfinished.numbers(3).expect("there"), [7; 9]);
+            }
+        }
+        for at in 0..whole.len() {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 16;
+            std::fs::write(&path, &damaged).expect("writes");
+            assert!(open(&output, 1).len() < 2, "{at}");
+        }
+        std::fs::write(&path, &whole).expect("writes");
+        assert!(open(&output, 2).is_empty());
+        assert!(!path.exists(), "nothing to go on from");
+    }
+
+    #[test]
+    fn an_output_is_claimed_by_one_run() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let output = folder.path().join("out.vxr");
+        let claim = Claim::new(&output).expect("free");
+        assert!(Claim::new(&output).expect_err("taken").to_string().contains("another run"));
+        drop(claim);
+        Claim::new(&output).expect("free again").release();
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 0);
+    }
+}

@@ -1,0 +1,205 @@
+//! How a volume is cut into blocks that fit in memory.
+
+use voxrole_pack::ScalarType;
+use voxrole_pack::brick::{BRICK_EDGE, BrickGrid};
+
+use crate::differentiation::Kernel;
+use crate::reconstruction::Reconstruction;
+use crate::region::Region;
+use crate::settings::{Automatic, Settings, Smoothing};
+use crate::{Error, Result};
+
+/// The largest volume that is one block, in voxels: one that is killed begins anew.
+pub const MOST_AT_ONCE: usize = 1 << 26;
+/// The largest block of several, in voxels: what is done anew at most after a run was killed.
+const LARGEST_BLOCK: usize = 1 << 25;
+/// What the program takes up beside the fields of a block, in bytes: code, stacks, histograms of every thread.
+const OVERHEAD: u64 = 24 << 20;
+
+/// Blocks on a regular lattice; their edges are multiples of a brick's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockPlan {
+    dims: [usize; 3],
+    block: [usize; 3],
+}
+
+/// Bytes of memory that a block takes up at most.
+#[derive(Clone, Copy, Debug)]
+pub struct Cost {
+    /// For each voxel of the block and its surroundings.
+    padded: u64,
+    /// For each voxel of the block itself.
+    interior: u64,
+}
+
+impl Cost {
+    /// The cost of a volume's blocks; where something is left to the data, of what takes up most.
+    #[must_use]
+    pub fn new(settings: &Settings, scalar_type: ScalarType, has_bad: bool) -> Self {
+        let open = settings.automatic != Automatic::default();
+        let number = scalar_type.size_in_bytes() as u64;
+        // Value, gradient magnitude, second derivative; distances of cells.
+        let mut floats = 3;
+        if open || settings.kernel != Kernel::Central2 {
+            floats += 1;
+        }
+        if open || settings.smoothing.placement != Smoothing::None || matches!(settings.kernel, Kernel::Gaussian(_)) {
+            floats += 1;
+        }
+        if matches!(settings.reconstruction, Reconstruction::Cubic | Reconstruction::Quintic) {
+            floats += 3;
+        }
+        if has_bad {
+            floats += 1;
+        }
+        // The roles, and what is cropped and packed.
+        let interior = 14 + 2 * number + 16 + if settings.keep_derivatives { 12 } else { 0 };
+        Self { padded: number + 4 * floats + 1, interior }
+    }
+
+    /// Bytes for a block of `interior` voxels within `padded` ones.
+    #[must_use]
+    pub fn bytes(&self, interior: usize, padded: usize) -> u64 {
+        OVERHEAD + self.interior * interior as u64 + self.padded * padded as u64
+    }
+}
+
+impl BlockPlan {
+    /// The blocks that make the least work of a volume, among those that take up at most `memory` bytes; `reach` is how far
+    /// a block depends on its surroundings.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when not even the smallest block fits, with what it needs.
+    pub fn new(dims: [usize; 3], reach: [usize; 3], cost: Cost, memory: u64) -> Result<Self> {
+        let edges = |axis: usize| {
+            let dim = dims[axis];
+            (1..=dim.div_ceil(BRICK_EDGE)).map(move |bricks| (bricks * BRICK_EDGE).min(dim))
+        };
+        // Voxels that are computed along an axis over all its blocks.
+        let work = |axis: usize, edge: usize| -> usize {
+            (0..dims[axis].div_ceil(edge)).map(|block| padded_len(block * edge, edge, reach[axis], dims[axis])).sum()
+        };
+        let longest = |axis: usize, edge: usize| (edge + 2 * reach[axis]).min(dims[axis]);
+        let along = [0, 1, 2]
+            .map(|axis| edges(axis).map(|edge| (edge, longest(axis, edge), work(axis, edge))).collect::<Vec<_>>());
+        let mut best: Option<(u128, usize, [usize; 3])> = None;
+        let mut least = u64::MAX;
+        for &(z, long_z, work_z) in &along[2] {
+            for &(y, long_y, work_y) in &along[1] {
+                for &(x, long_x, work_x) in &along[0] {
+                    let bytes = cost.bytes(x * y * z, long_x * long_y * long_z);
+                    least = least.min(bytes);
+                    if bytes > memory || x * y * z > LARGEST_BLOCK {
+                        continue;
+                    }
+                    let work = work_x as u128 * work_y as u128 * work_z as u128;
+                    // Of equal work the fewest blocks.
+                    let candidate = (work, usize::MAX - x * y * z, [x, y, z]);
+                    if best.is_none_or(|best| candidate < best) {
+                        best = Some(candidate);
+                    }
+                }
+            }
+        }
+        let (.., block) = best.ok_or_else(|| {
+            Error::Parameter(format!(
+                "--memory {} MiB: the smallest block takes {} MiB with these settings; give at least that much, or a shorter \
+                 --dmax",
+                memory >> 20,
+                (least >> 20) + 1
+            ))
+        })?;
+        Ok(Self { dims, block })
+    }
+
+    /// Number of blocks along x, y, z.
+    fn counts(&self) -> [usize; 3] {
+        std::array::from_fn(|axis| self.dims[axis].div_ceil(self.block[axis]))
+    }
+
+    /// Number of blocks.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.counts().iter().product()
+    }
+
+    /// Whether there are no blocks, as for a volume without voxels.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Edges of a block that is not cut short by a face.
+    #[must_use]
+    pub fn block(&self) -> [usize; 3] {
+        self.block
+    }
+
+    /// The voxels of a block; blocks are counted with x fastest.
+    #[must_use]
+    pub fn region(&self, block: usize) -> Region {
+        let [nx, ny, _] = self.counts();
+        let at = [block % nx, block / nx % ny, block / (nx * ny)];
+        let start: [usize; 3] = std::array::from_fn(|axis| at[axis] * self.block[axis]);
+        Region { start, end: std::array::from_fn(|axis| (start[axis] + self.block[axis]).min(self.dims[axis])) }
+    }
+
+    /// The block that a brick of the volume is in, and which of the block's bricks it is.
+    #[must_use]
+    pub fn locate(&self, brick: usize) -> (usize, usize) {
+        let voxel = BrickGrid::new(self.dims).voxel_ranges(brick).map(|range| range.start);
+        let at: [usize; 3] = std::array::from_fn(|axis| voxel[axis] / self.block[axis]);
+        let [nx, ny, _] = self.counts();
+        let block = (at[2] * ny + at[1]) * nx + at[0];
+        let region = self.region(block);
+        let inside: [usize; 3] = std::array::from_fn(|axis| (voxel[axis] - region.start[axis]) / BRICK_EDGE);
+        let [bricks_x, bricks_y, _] = region.dims().map(|dim| dim.div_ceil(BRICK_EDGE));
+        (block, (inside[2] * bricks_y + inside[1]) * bricks_x + inside[0])
+    }
+}
+
+fn padded_len(start: usize, len: usize, reach: usize, dim: usize) -> usize {
+    (start + len + reach).min(dim) - start.saturating_sub(reach)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Method;
+
+    fn cost() -> Cost {
+        Cost::new(&Settings::new(Method::Fast), ScalarType::U16, false)
+    }
+
+    #[test]
+    fn blocks_fill_the_volume_brick_by_brick() {
+        for (dims, memory) in [([100, 70, 200], 40_u64 << 20), ([64, 64, 64], 1 << 30), ([5, 300, 1], 32 << 20)] {
+            let plan = BlockPlan::new(dims, [18, 18, 7], cost(), memory).expect("fits");
+            let voxels: usize = (0..plan.len()).map(|block| plan.region(block).voxel_count()).sum();
+            assert_eq!(voxels, dims.iter().product::<usize>());
+            let grid = BrickGrid::new(dims);
+            for brick in 0..grid.len() {
+                let (block, own) = plan.locate(brick);
+                let region = plan.region(block);
+                let ranges = BrickGrid::new(region.dims()).voxel_ranges(own);
+                for (axis, range) in grid.voxel_ranges(brick).into_iter().enumerate() {
+                    assert_eq!(range.start, ranges[axis].start + region.start[axis]);
+                    assert_eq!(range.len(), ranges[axis].len());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_fit_or_are_refused() {
+        let reach = [18; 3];
+        for memory in [64_u64 << 20, 256 << 20, 1 << 30] {
+            let plan = BlockPlan::new([2048, 2048, 1024], reach, cost(), memory).expect("fits");
+            let block = plan.region(plan.len() / 2);
+            let padded = block.grown(reach, [2048, 2048, 1024]);
+            assert!(cost().bytes(block.voxel_count(), padded.voxel_count()) <= memory, "{block:?}");
+        }
+        let message = BlockPlan::new([2048; 3], reach, cost(), 8 << 20).expect_err("too little").to_string();
+        assert!(message.contains("--memory 8 MiB") && message.contains("at least"), "{message}");
+    }
+}

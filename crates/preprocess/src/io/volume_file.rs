@@ -1,0 +1,82 @@
+//! A volume file whose header is read and whose numbers are not yet.
+
+use std::path::Path;
+
+use voxrole_pack::{GridGeometry, ScalarType};
+
+use super::payload::Payload;
+use super::stored_voxels::StoredVoxels;
+use crate::{Error, Grid, Result, grid};
+
+/// What the header of a volume file says.
+#[derive(Debug)]
+pub struct VolumeFile {
+    name: String,
+    geometry: GridGeometry,
+    slope: f64,
+    intercept: f64,
+    payload: Payload,
+}
+
+/// A volume whose numbers stay in a file.
+#[derive(Debug)]
+pub struct StoredVolume {
+    /// The input's file name, without folders.
+    pub name: String,
+    /// Where the voxels lie.
+    pub geometry: GridGeometry,
+    /// `physical = slope · stored + intercept`.
+    pub slope: f64,
+    /// See [`Self::slope`].
+    pub intercept: f64,
+    /// The stored numbers.
+    pub voxels: StoredVoxels,
+}
+
+impl VolumeFile {
+    /// The volume at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Format`], naming `path`, for a mapping that cannot be used.
+    pub(super) fn new(
+        path: &Path,
+        geometry: GridGeometry,
+        payload: Payload,
+        slope: f64,
+        intercept: f64,
+    ) -> Result<Self> {
+        grid::check_mapping(slope, intercept).map_err(|error| Error::format(path, error.to_string()))?;
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        Ok(Self { name, geometry, slope, intercept, payload })
+    }
+
+    /// Voxels along x, y, z.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.geometry.dims_usize()
+    }
+
+    /// The numbers' type.
+    #[must_use]
+    pub fn scalar_type(&self) -> ScalarType {
+        self.payload.stored.scalar_type
+    }
+
+    /// Reads all numbers.
+    ///
+    /// # Errors
+    /// As [`super::read_volume`].
+    pub fn load(self) -> Result<Grid> {
+        let scalars = self.payload.read()?;
+        Grid::with_mapping(self.name, self.geometry, scalars, self.slope, self.intercept)
+    }
+
+    /// Leaves the numbers where they are; compressed ones are unpacked into a temporary file in `folder`.
+    ///
+    /// # Errors
+    /// As [`super::read_volume`], and [`Error::Io`] when `folder` cannot be written to.
+    pub fn stored(self, folder: &Path) -> Result<StoredVolume> {
+        let Self { name, geometry, slope, intercept, payload } = self;
+        Ok(StoredVolume { name, geometry, slope, intercept, voxels: payload.stored(folder)? })
+    }
+}

@@ -1,0 +1,291 @@
+//! What is the same for every block of a volume, and the way of one block through all stages.
+
+use std::borrow::Cow;
+
+use voxrole_pack::{ScalarType, Scalars};
+
+use crate::automatic::{Choice, LEAST_BLUR, choose};
+use crate::blur::Edges;
+use crate::boundary::{GradientFloor, Tracer};
+use crate::bspline::{Coefficients, Degree, Evaluator};
+use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate, spline_through};
+use crate::directional_derivative::Derivatives;
+use crate::gaussian::{gaussian, radius_of};
+use crate::noise::{noise_sigma, noise_sigma_of_slabs, smoothed_noise_sigma};
+use crate::noise_gain::{GradientNoise, NoiseGain};
+use crate::progress::Progress;
+use crate::reconstruction::{Reconstruction, Smooth};
+use crate::region::Region;
+use crate::report::{Counts, Stopwatch};
+use crate::roles::Roles;
+use crate::sampler::Sampler;
+use crate::scan::Scan;
+use crate::settings::{Automatic, Settings, Smoothing};
+use crate::smoothing::{RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
+use crate::source::Source;
+use crate::working_field::{Scaling, WorkingField, voxels};
+use crate::zero_crossing::CellDistances;
+use crate::{Result, reach};
+
+/// Voxels by which smoothing and kernel are chosen.
+const CHOICE_VOXELS: usize = 1 << 22;
+/// Voxels by which it is judged what smoothing left of the noise, and what range its derivatives have.
+const NOISE_VOXELS: usize = 1 << 20;
+/// Voxels of the slabs in which noise is estimated.
+const SLAB_VOXELS: usize = 1 << 23;
+
+/// Everything that the roles of a volume depend on beside its voxels nearby.
+pub struct Recipe<'a> {
+    /// The volume.
+    pub source: Source<'a>,
+    /// What all of it was seen for.
+    pub scan: Scan,
+    /// The settings, with what was chosen by the data.
+    pub settings: Settings,
+    /// What was found in the data and chosen by it.
+    pub choice: Option<Choice>,
+    /// Estimated noise of the input, in working units.
+    pub noise: f32,
+    /// σr of the bilaterally filtered fields.
+    pub range_sigmas: RangeSigmas,
+    /// From stored numbers to working ones.
+    pub scaling: Scaling,
+    floor: GradientFloor,
+    /// The field of the whole volume, until a block takes it.
+    whole: Option<WorkingField>,
+}
+
+/// One block on its way.
+pub struct Block<'a> {
+    /// Its voxels.
+    pub interior: Region,
+    /// Those and what around them they depend on.
+    pub padded: Region,
+    /// Stored numbers of the padded block.
+    pub scalars: Cow<'a, Scalars>,
+    /// The value field that was differentiated, of the padded block.
+    pub field: WorkingField,
+    /// Its derivatives, smoothed where the settings say so.
+    pub derivatives: Derivatives,
+    /// Roles of the interior alone.
+    pub roles: Roles,
+    /// What there was to do.
+    pub counts: Counts,
+    /// Edges on the way, where a spline is to be checked against their blur.
+    pub edges: Option<Edges>,
+}
+
+impl<'a> Recipe<'a> {
+    /// Looks at the volume and decides what is left to the data. `at_once` says that the volume will be one block.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] for settings or a volume that cannot be used; [`crate::Error::Io`] when reading fails,
+    /// [`crate::Error::Pack`] when memory runs out.
+    pub fn new(
+        source: Source<'a>,
+        scan: Scan,
+        settings: &Settings,
+        at_once: bool,
+        watch: &mut Stopwatch,
+    ) -> Result<Self> {
+        let mut settings = *settings;
+        let scaling = Scaling::new(&source, scan.range);
+        let dims = source.dims();
+        let read = |region: &Region| scaling.field(&*source.read(region)?, region.dims());
+        let whole = if at_once { Some(read(&Region::whole(dims))?) } else { None };
+        watch.lap("conversion");
+        let noise = match &whole {
+            Some(field) => noise_sigma(field),
+            None => noise_sigma_of_slabs(dims, SLAB_VOXELS / (dims[0] * dims[1]), read)?,
+        };
+        let noise = noise.max(quantisation_noise(&source, &scaling));
+        watch.lap("noise estimate");
+        let sample = |voxels: usize| -> Result<Vec<Cow<'_, WorkingField>>> {
+            let regions = scan.sample(voxels);
+            match &whole {
+                Some(field) if regions == [Region::whole(dims)] => Ok(vec![Cow::Borrowed(field)]),
+                _ => regions.iter().map(|region| read(region).map(Cow::Owned)).collect(),
+            }
+        };
+        let choice = if settings.automatic == Automatic::default() {
+            None
+        } else {
+            let fields = sample(CHOICE_VOXELS)?;
+            let choice = choose(&fields.iter().map(AsRef::as_ref).collect::<Vec<_>>(), noise, &mut settings)?;
+            watch.lap("choice of method");
+            Some(choice)
+        };
+
+        let kernel_sigma = if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None };
+        let sigmas: Vec<f32> = sigma_on_noise(&settings.smoothing).into_iter().collect();
+        let smoothed: Vec<f32> = sigmas.iter().copied().chain(kernel_sigma).collect();
+        let gain = NoiseGain::new(settings.kernel, &sigmas, scaling.spacing())?;
+        let mut range_sigmas = RangeSigmas::of_value(&settings.smoothing, scan.range.map(|end| scaling.working(end)));
+        let mut left = noise;
+        let filters_derivatives = settings.smoothing.placement == Smoothing::BilateralDerivatives;
+        if filters_derivatives || !smoothed.is_empty() {
+            let mut fields: Vec<WorkingField> = sample(NOISE_VOXELS)?.into_iter().map(Cow::into_owned).collect();
+            if filters_derivatives {
+                let mut ranges = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+                for field in &fields {
+                    let (derivatives, _) = differentiate(&mut field.clone(), settings.kernel, settings.operator)?;
+                    for (sum, [low, high]) in ranges.iter_mut().zip(derivatives.ranges()) {
+                        *sum = [sum[0].min(low), sum[1].max(high)];
+                    }
+                }
+                range_sigmas = RangeSigmas::of_derivatives(&settings.smoothing, ranges, noise, gain);
+            }
+            for field in &mut fields {
+                smooth_value(field, &settings.smoothing, &range_sigmas);
+                if let Some(sigma) = kernel_sigma {
+                    field.values = gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing));
+                }
+            }
+            if !smoothed.is_empty() {
+                // What noise is left is seen best where it is left.
+                left = noise.max(smoothed_noise_sigma(&fields.iter().collect::<Vec<_>>(), &smoothed));
+            }
+            watch.lap("noise left");
+        }
+        let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, scaling.spacing(), dims, left)?;
+        let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
+        Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, floor, whole })
+    }
+
+    /// How many voxels away along each axis a voxel's role depends on the volume.
+    #[must_use]
+    pub fn reach(&self) -> [usize; 3] {
+        reach::reach(&self.settings, self.scaling.spacing(), self.scan.has_bad)
+    }
+
+    /// Takes a block through all stages.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn prepare(&mut self, interior: Region, progress: &dyn Progress, watch: &mut Stopwatch) -> Result<Block<'a>> {
+        let settings = &self.settings;
+        let padded = interior.grown(self.reach(), self.source.dims());
+        let scalars = self.source.read(&padded)?;
+        watch.lap("reading blocks");
+        let mut field = match self.whole.take().filter(|field| field.dims() == padded.dims()) {
+            Some(field) => field,
+            None => self.scaling.field(&scalars, padded.dims())?,
+        };
+        watch.lap("conversion");
+        smooth_value(&mut field, &settings.smoothing, &self.range_sigmas);
+        watch.lap("value smoothing");
+        let (mut derivatives, source) = differentiate(&mut field, settings.kernel, settings.operator)?;
+        watch.lap("derivatives");
+        smooth_derivatives(&mut derivatives, field.spacing, &settings.smoothing, &self.range_sigmas);
+        watch.lap("derivative smoothing");
+        let cells = CellDistances::new(&derivatives.second_derivative);
+        watch.lap("zero-crossing cells");
+        let splines = DerivativeSplines::new(&derivatives, settings.reconstruction)?;
+        watch.lap("reconstruction");
+
+        let floor = self.floor.from_voxel(padded.start);
+        let smooth = splines.smooth(&field, &source, settings);
+        let gradient = Gradient::new(&field, &source);
+        let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, settings);
+        let roles = Roles::new(&tracer, interior.within(&padded), progress)?;
+        watch.lap("rays");
+        let edges = self.edges(&tracer, &source, &field, &interior, padded.start);
+        watch.lap("check of blur");
+        let inner_cells = cells_of(&interior, self.source.dims());
+        let counts = Counts {
+            voxels: roles.distance.len() as u64,
+            masked: roles.masked,
+            flat: roles.work.flat,
+            skipped: roles.work.skipped,
+            traced: roles.work.traced,
+            samples: roles.work.samples,
+            evaluations: roles.work.evaluations,
+            hits: roles.hits,
+            misses: roles.misses(),
+            cells: inner_cells.voxel_count() as u64,
+            mixed_cells: cells.mixed_count(&inner_cells.within(&padded)),
+        };
+        Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges })
+    }
+
+    /// Edges that tell whether a spline was fitted to what is too sharp for it; none where there is no spline.
+    fn edges(
+        &self,
+        tracer: &Tracer<'_>,
+        source: &GradientSource,
+        field: &WorkingField,
+        interior: &Region,
+        origin: [usize; 3],
+    ) -> Option<Edges> {
+        let GradientSource::Spline(coefficients) = source else { return None };
+        let spline = Evaluator::new(coefficients, field.spacing);
+        let mut edges = Edges::among(&[self.source.dims()]);
+        edges.look(tracer, &spline, interior, origin);
+        Some(edges)
+    }
+
+    /// Says so where a spline is fitted to edges that are too sharp for it.
+    #[must_use]
+    pub fn under_sampling(&self, edges: Option<&Edges>) -> Option<String> {
+        let blur = edges?.statistics()?.samples_across(self.scaling.spacing(), 0.0);
+        (blur < LEAST_BLUR).then(|| {
+            format!(
+                "boundaries blurred by {blur:.2} samples are under-sampled for --derivative {}: it rings beside them and \
+                 finds boundaries that are none; --method auto or fast do not",
+                self.settings.kernel
+            )
+        })
+    }
+}
+
+/// The cells whose lowest corner is in a region.
+fn cells_of(region: &Region, dims: [usize; 3]) -> Region {
+    let behind = |axis: usize| region.end[axis].min(dims[axis].saturating_sub(1).max(1));
+    Region { start: region.start, end: std::array::from_fn(|axis| behind(axis).max(region.start[axis])) }
+}
+
+/// Standard deviation of the rounding of values to whole numbers, in working units: a uniform distribution's. 0 for
+/// floats.
+fn quantisation_noise(source: &Source<'_>, scaling: &Scaling) -> f32 {
+    match source.scalar_type() {
+        ScalarType::F32 | ScalarType::F64 => 0.0,
+        _ => (source.slope.abs() / scaling.value_scale() / 12.0_f64.sqrt()) as f32,
+    }
+}
+
+/// Splines through the derivatives, where the reconstruction asks for them.
+struct DerivativeSplines(Option<[Coefficients; 2]>);
+
+impl DerivativeSplines {
+    fn new(derivatives: &Derivatives, reconstruction: Reconstruction) -> Result<Self> {
+        let degree = match reconstruction {
+            Reconstruction::Linear | Reconstruction::Exact => return Ok(Self(None)),
+            Reconstruction::Cubic => Degree::Cubic,
+            Reconstruction::Quintic => Degree::Quintic,
+        };
+        Ok(Self(Some([
+            spline_through(&derivatives.second_derivative, degree)?,
+            spline_through(&derivatives.gradient_magnitude, degree)?,
+        ])))
+    }
+
+    fn smooth<'a>(
+        &'a self,
+        field: &'a WorkingField,
+        source: &'a GradientSource,
+        settings: &Settings,
+    ) -> Option<Smooth<'a>> {
+        let evaluator = |coefficients| Evaluator::new(coefficients, field.spacing);
+        match (&self.0, source) {
+            (Some([second_derivative, gradient_magnitude]), _) => Some(Smooth::Fields {
+                second_derivative: evaluator(second_derivative),
+                gradient_magnitude: evaluator(gradient_magnitude),
+                values: (Sampler::new(field.dims()), voxels(&field.values)),
+            }),
+            (None, GradientSource::Spline(value)) if settings.reconstruction == Reconstruction::Exact => {
+                Some(Smooth::Exact { value: evaluator(value), operator: settings.operator })
+            }
+            _ => None,
+        }
+    }
+}
