@@ -51,3 +51,8 @@ peers-canny OUT:
     mkdir -p {{OUT}}
     python3 tests/peers/canny.py target/release/voxrole {{OUT}}/canny.csv
     target/release/voxrole bench smoothing -o {{OUT}} --canny {{OUT}}/canny.csv
+
+# The bilateral filter against ITK's (SimpleITK from PyPI; numpy and pynrrd) and brute force: times, ratios and deviations.
+peers-bilateral:
+    cargo build --release --bin voxrole
+    python3 tests/peers/bilateral.py target/release/voxrole

@@ -7,14 +7,14 @@
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
 use crate::compression::{self, Packer};
 use crate::directory::{BrickEntry, Extent};
 use crate::writer::PackedBrick;
-use crate::{Error, Result, codec};
+use crate::{Error, Result, atomic_file, codec};
 
 /// How the file begins; the digit is its version.
 const MAGIC: [u8; 8] = *b"VXRPART1";
@@ -28,8 +28,17 @@ const MAX_TABLE_BYTES: usize = 1 << 26;
 pub struct Claim {
     file: File,
     path: PathBuf,
-    /// Whether there is something in the file that the next run can go on from.
-    is_needed: bool,
+    /// There as long as there is nothing in the file that the next run could go on from.
+    is_idle: Option<atomic_file::Unfinished>,
+}
+
+/// Files from which a run can go on.
+static KEPT: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// The files from which a run can go on if this process ends now.
+#[must_use]
+pub fn kept() -> Vec<PathBuf> {
+    KEPT.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
 impl Claim {
@@ -55,8 +64,10 @@ impl Claim {
             }
             // Whoever had it before may have removed it just now.
             if is_still_there(&file, &path) {
-                let is_needed = file.metadata().map_err(io())?.len() > 0;
-                return Ok(Self { file, path, is_needed });
+                let is_new = file.metadata().map_err(io())?.len() == 0;
+                let mut claim = Self { file, path, is_idle: None };
+                claim.keep(!is_new);
+                return Ok(claim);
             }
         }
     }
@@ -69,16 +80,29 @@ impl Claim {
 
     /// Removes the file, whatever is in it.
     pub fn release(mut self) {
-        self.is_needed = false;
+        self.keep(false);
+    }
+
+    /// Whether the file is to stay when this is dropped or the process ends.
+    fn keep(&mut self, keep: bool) {
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.retain(|path| *path != self.path);
+        if keep {
+            kept.push(self.path.clone());
+            self.is_idle = None;
+        } else if self.is_idle.is_none() {
+            self.is_idle = Some(atomic_file::Unfinished::new(&self.path));
+        }
     }
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        if !self.is_needed {
+        if self.is_idle.is_some() {
             // Whoever cannot remove it can do nothing more about it.
             let _ = std::fs::remove_file(&self.path);
         }
+        KEPT.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.path);
     }
 }
 
@@ -142,7 +166,7 @@ impl Unfinished {
             }
         };
         file.set_len(position).map_err(io("clearing"))?;
-        claim.is_needed = !records.is_empty();
+        claim.keep(!records.is_empty());
         Ok(Self { claim, file: Mutex::new(file), position, records, packer: PackerDebug(Packer::new()?) })
     }
 
@@ -206,14 +230,14 @@ impl Unfinished {
         bytes.extend_from_slice(&table);
         layers.iter().flatten().for_each(|brick| bytes.extend_from_slice(&brick.bytes));
         bytes.extend_from_slice(&packed);
-        let file = self.file.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let file = self.file.get_mut().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(self.position))
             .and_then(|_| file.write_all(&bytes))
             .and_then(|()| file.sync_data())
             .map_err(Error::io(format!("writing {}", self.claim.path.display())))?;
         self.position = offset;
         self.records.push(record);
-        self.claim.is_needed = true;
+        self.claim.keep(true);
         Ok(())
     }
 
@@ -252,7 +276,7 @@ impl Unfinished {
 
     fn read(&self, extent: Extent) -> Result<Vec<u8>> {
         let mut bytes = vec![0; extent.stored_bytes as usize];
-        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(extent.offset))
             .and_then(|_| file.read_exact(&mut bytes))
             .map_err(Error::io(format!("reading {}", self.claim.path.display())))?;

@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use voxrole_pack::layer::Quantization;
 use voxrole_pack::{DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, ScalarType, Scalars, Writer};
 use voxrole_preprocess::Grid;
+use voxrole_preprocess::bilateral::{Bilateral, BilateralSettings, RangeWeights};
 use voxrole_preprocess::joint_histogram::{Axes, Binning, Quantities, Tally};
+use voxrole_preprocess::working_field::Field;
 
 const EDGE: usize = 128;
 const VOXELS: usize = EDGE * EDGE * EDGE;
@@ -91,5 +93,33 @@ fn packing(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(kernels, packing);
+const FIELD_EDGE: usize = 64;
+
+/// A ball's blurred edge under noise, in 0 to 1.
+fn noisy_ball() -> Field {
+    let center = FIELD_EDGE as f32 / 2.0;
+    Field::from_shape_fn((FIELD_EDGE, FIELD_EDGE, FIELD_EDGE), |(k, j, i)| {
+        let distance = [i, j, k].map(|index| (index as f32 - center).powi(2)).iter().sum::<f32>().sqrt();
+        let hash = ((k * FIELD_EDGE + j) * FIELD_EDGE + i).wrapping_mul(2_654_435_761) as u32;
+        0.5 + 0.4 * (0.6 * center - distance).tanh() + 0.1 * (hash as f32 / u32::MAX as f32 - 0.5)
+    })
+}
+
+fn bilateral(criterion: &mut Criterion) {
+    let field = noisy_ball();
+    let mut group = criterion.benchmark_group("bilateral");
+    group.throughput(Throughput::Elements(field.len() as u64)).sample_size(20);
+    for radius in [2, 3] {
+        for weights in [RangeWeights::Fast, RangeWeights::Exact] {
+            let settings = BilateralSettings { spatial_sigma: 1.0, range_sigma: 0.4, radius, weights };
+            let filter = Bilateral::new([FIELD_EDGE; 3], [1.0; 3], settings);
+            group.bench_function(BenchmarkId::new(weights.to_string(), radius), |bencher| {
+                bencher.iter(|| filter.filter(&field, [0; 3]));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(kernels, packing, bilateral);
 criterion_main!(kernels);

@@ -10,6 +10,12 @@ fn main() -> ExitCode {
     // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
     let _ = ctrlc::set_handler(|| {
         voxrole_pack::atomic_file::remove_unfinished();
+        for path in voxrole_pack::unfinished::kept() {
+            eprintln!(
+                "\nvoxrole: interrupted; what is done is kept in {}: the same command goes on from there",
+                path.display()
+            );
+        }
         std::process::exit(130);
     });
     match cli::run(&cli::args::Cli::parse().command) {

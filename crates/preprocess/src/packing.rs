@@ -304,6 +304,9 @@ impl Packing<'_, '_> {
         for sigma in &range_sigmas.shares {
             parameters.push(("range-sigma", format!("{:.6} of the range of {}", sigma.share, sigma.field)));
         }
+        if let Some(sigma) = range_sigmas.shares.first() {
+            parameters.push(("bilateral", format!("{} range weights", sigma.weights)));
+        }
         parameters.into_iter().map(|(name, value)| Parameter { name: name.into(), value }).collect()
     }
 }

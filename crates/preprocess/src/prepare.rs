@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
+use voxrole_pack::ScalarType;
 use voxrole_pack::unfinished::{Claim, Unfinished};
 
 use crate::automatic::Choice;
 use crate::block_plan::{BlockPlan, Cost, MOST_AT_ONCE};
+use crate::io::VolumeFile;
 use crate::packing::{MADE_BY, Packing};
 use crate::progress::Progress;
 use crate::recipe::{Block, Recipe};
@@ -47,6 +49,42 @@ pub fn prepare(grid: &Grid, settings: &Settings, path: &Path, progress: &dyn Pro
     prepare_source(Source::from(grid), settings, u64::MAX, path, progress)
 }
 
+/// As [`prepare_source`] for a volume file, which is read as a whole only where it fits into `memory` bytes together with
+/// everything else.
+///
+/// # Errors
+/// As [`prepare_source`] and [`VolumeFile::load`].
+pub fn prepare_file(
+    file: VolumeFile,
+    settings: &Settings,
+    memory: u64,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Report> {
+    let mut watch = Stopwatch::new();
+    progress.begin("reading", 1);
+    let voxels: usize = file.dims().iter().product();
+    let number = file.scalar_type().size_in_bytes() as u64;
+    let fits = fits_at_once(voxels, file.scalar_type(), settings, memory.saturating_sub(voxels as u64 * number));
+    let (grid, stored);
+    let source = if fits {
+        grid = file.load()?;
+        Source::from(&grid)
+    } else {
+        stored =
+            file.stored(path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
+        Source::from(&stored)
+    };
+    progress.step();
+    watch.lap("reading");
+    run(source, settings, memory, path, progress, watch)
+}
+
+/// Whether a volume is one block that fits into memory.
+fn fits_at_once(voxels: usize, scalar_type: ScalarType, settings: &Settings, memory: u64) -> bool {
+    voxels <= MOST_AT_ONCE && Cost::new(settings, scalar_type, true).bytes(voxels, voxels) <= memory
+}
+
 /// As [`prepare`] for a volume in memory or in a file, in blocks where the volume is large or does not fit into `memory`
 /// bytes.
 ///
@@ -63,14 +101,23 @@ pub fn prepare_source(
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Report> {
+    run(source, settings, memory, path, progress, Stopwatch::new())
+}
+
+fn run(
+    source: Source<'_>,
+    settings: &Settings,
+    memory: u64,
+    path: &Path,
+    progress: &dyn Progress,
+    mut watch: Stopwatch,
+) -> Result<Report> {
     settings.validate()?;
-    let mut watch = Stopwatch::new();
     let claim = Claim::new(path)?;
     let dims = source.dims();
     let voxels: usize = dims.iter().product();
     let memory = memory.saturating_sub(source.resident_bytes());
-    let at_once =
-        voxels <= MOST_AT_ONCE && Cost::new(settings, source.scalar_type(), true).bytes(voxels, voxels) <= memory;
+    let at_once = fits_at_once(voxels, source.scalar_type(), settings, memory);
     progress.begin("looking at the volume", 1);
     let scan = Scan::new(&source, !at_once)?;
     watch.lap("first look");

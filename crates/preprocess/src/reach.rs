@@ -1,5 +1,6 @@
 //! How far a voxel's role depends on the volume around it.
 
+use crate::bilateral;
 use crate::bspline::Degree;
 use crate::differentiation::Kernel;
 use crate::gaussian::radius_of;
@@ -17,8 +18,11 @@ pub fn reach(settings: &Settings, spacing: [f32; 3], has_bad: bool) -> [usize; 3
     let smoothing = match settings.smoothing.placement {
         Smoothing::None => 0,
         Smoothing::GaussianValue => filling + settings.smoothing.radius,
-        Smoothing::BilateralValue | Smoothing::BilateralDerivatives => settings.smoothing.radius,
+        Smoothing::BilateralValue | Smoothing::BilateralDerivatives => 0,
     };
+    let is_bilateral =
+        matches!(settings.smoothing.placement, Smoothing::BilateralValue | Smoothing::BilateralDerivatives);
+    let bilateral = if is_bilateral { bilateral::reach(settings.smoothing.radius) } else { [0; 3] };
     let kernel = match settings.kernel {
         Kernel::Gaussian(sigma) => filling + radius_of(sigma as f32, spacing),
         _ => 0,
@@ -31,8 +35,8 @@ pub fn reach(settings: &Settings, spacing: [f32; 3], has_bad: bool) -> [usize; 3
         Reconstruction::Quintic => spline(Degree::Quintic) + PADDING + 1,
     };
     // A crossing is looked for, and an edge's blur is measured, up to L_min behind the end of a ray; a ray ends in a cell.
-    spacing.map(|spacing| {
-        let ray = ((settings.d_max + 1.0) / f64::from(spacing)).ceil() as usize + 1;
-        ray + reconstruction + kernel + smoothing
+    std::array::from_fn(|axis| {
+        let ray = ((settings.d_max + 1.0) / f64::from(spacing[axis])).ceil() as usize + 1;
+        ray + reconstruction + kernel + smoothing + bilateral[axis]
     })
 }

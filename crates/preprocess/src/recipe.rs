@@ -21,7 +21,7 @@ use crate::roles::Roles;
 use crate::sampler::Sampler;
 use crate::scan::Scan;
 use crate::settings::{Automatic, Settings, Smoothing};
-use crate::smoothing::{RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
+use crate::smoothing::{Extent, RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
 use crate::source::Source;
 use crate::working_field::{Scaling, WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
@@ -120,7 +120,9 @@ impl<'a> Recipe<'a> {
         let sigmas: Vec<f32> = sigma_on_noise(&settings.smoothing).into_iter().collect();
         let smoothed: Vec<f32> = sigmas.iter().copied().chain(kernel_sigma).collect();
         let gain = NoiseGain::new(settings.kernel, &sigmas, scaling.spacing())?;
-        let mut range_sigmas = RangeSigmas::of_value(&settings.smoothing, scan.range.map(|end| scaling.working(end)));
+        let volume = Extent { dims, spacing: scaling.spacing() };
+        let value_range = scan.range.map(|end| scaling.working(end));
+        let mut range_sigmas = RangeSigmas::of_value(&settings.smoothing, volume, value_range);
         let mut left = noise;
         let filters_derivatives = settings.smoothing.placement == Smoothing::BilateralDerivatives;
         if filters_derivatives || !smoothed.is_empty() {
@@ -133,10 +135,10 @@ impl<'a> Recipe<'a> {
                         *sum = [sum[0].min(low), sum[1].max(high)];
                     }
                 }
-                range_sigmas = RangeSigmas::of_derivatives(&settings.smoothing, ranges, noise, gain);
+                range_sigmas = RangeSigmas::of_derivatives(&settings.smoothing, volume, ranges, noise, gain);
             }
             for field in &mut fields {
-                smooth_value(field, &settings.smoothing, &range_sigmas);
+                smooth_value(field, [0; 3], &settings.smoothing, &mut range_sigmas.clone());
                 if let Some(sigma) = kernel_sigma {
                     field.values = gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing));
                 }
@@ -163,7 +165,7 @@ impl<'a> Recipe<'a> {
     /// # Errors
     /// As [`Self::new`].
     pub fn prepare(&mut self, interior: Region, progress: &dyn Progress, watch: &mut Stopwatch) -> Result<Block<'a>> {
-        let settings = &self.settings;
+        let settings = self.settings;
         let padded = interior.grown(self.reach(), self.source.dims());
         let scalars = self.source.read(&padded)?;
         watch.lap("reading blocks");
@@ -172,11 +174,12 @@ impl<'a> Recipe<'a> {
             None => self.scaling.field(&scalars, padded.dims())?,
         };
         watch.lap("conversion");
-        smooth_value(&mut field, &settings.smoothing, &self.range_sigmas);
+        smooth_value(&mut field, padded.start, &settings.smoothing, &mut self.range_sigmas);
         watch.lap("value smoothing");
         let (mut derivatives, source) = differentiate(&mut field, settings.kernel, settings.operator)?;
         watch.lap("derivatives");
-        smooth_derivatives(&mut derivatives, field.spacing, &settings.smoothing, &self.range_sigmas);
+        let (origin, sigmas) = (padded.start, &mut self.range_sigmas);
+        smooth_derivatives(&mut derivatives, field.spacing, origin, &settings.smoothing, sigmas);
         watch.lap("derivative smoothing");
         let cells = CellDistances::new(&derivatives.second_derivative);
         watch.lap("zero-crossing cells");
@@ -184,9 +187,9 @@ impl<'a> Recipe<'a> {
         watch.lap("reconstruction");
 
         let floor = self.floor.from_voxel(padded.start);
-        let smooth = splines.smooth(&field, &source, settings);
+        let smooth = splines.smooth(&field, &source, &settings);
         let gradient = Gradient::new(&field, &source);
-        let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, settings);
+        let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
         let roles = Roles::new(&tracer, interior.within(&padded), progress)?;
         watch.lap("rays");
         let edges = self.edges(&tracer, &source, &field, &interior, padded.start);

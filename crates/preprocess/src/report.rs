@@ -5,6 +5,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::automatic::Choice;
+use crate::bilateral::RangeWeights;
 
 /// Time, work and outcome of a run. All but the seconds are the same for any number of threads.
 #[derive(Clone, Debug, Serialize)]
@@ -48,13 +49,17 @@ pub struct Stage {
     pub seconds: f64,
 }
 
-/// The σr of one filtered field.
+/// The bilateral filter of one field.
 #[derive(Clone, Debug, Serialize)]
 pub struct FieldSigma {
     /// The field.
     pub field: &'static str,
     /// σr over the field's range; 0 means that the filter left it as it was.
     pub share: f64,
+    /// How the range weights were computed.
+    pub weights: RangeWeights,
+    /// The share of the field's boxes that were filtered; others hold one value only.
+    pub boxes_filtered: f64,
 }
 
 /// Deterministic counts.

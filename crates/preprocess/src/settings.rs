@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::bilateral::RangeWeights;
 use crate::differentiation::Kernel;
 use crate::directional_derivative::EdgeOperator;
 use crate::reconstruction::Reconstruction;
@@ -56,15 +57,17 @@ pub struct SmoothingSettings {
     pub range_sigma: Option<f64>,
     /// Neighbours on each side along each axis, in voxels.
     pub radius: usize,
+    /// How a bilateral filter computes its range weights.
+    pub range_weights: RangeWeights,
 }
 
 impl SmoothingSettings {
     /// Defaults for a placement: a bilateral filter of σd = 1 and radius 2 (the neighbourhood holds 95 % of the weight
-    /// along an axis), a Gaussian of σ = 1.5 and radius 5.
+    /// along an axis) with fast weights, a Gaussian of σ = 1.5 and radius 5.
     #[must_use]
     pub fn new(placement: Smoothing) -> Self {
         let (spatial_sigma, radius) = if placement == Smoothing::GaussianValue { (1.5, 5) } else { (1.0, 2) };
-        Self { placement, spatial_sigma, range_sigma: None, radius }
+        Self { placement, spatial_sigma, range_sigma: None, radius, range_weights: RangeWeights::Fast }
     }
 }
 

@@ -81,6 +81,9 @@ pub struct PrepareArgs {
     /// times their estimated noise for derivatives].
     #[arg(long, value_name = "F")]
     pub range_sigma: Option<f64>,
+    /// How a bilateral filter computes its range weights [default: fast].
+    #[arg(long, value_enum)]
+    pub bilateral: Option<BilateralArg>,
     /// Neighbours on each side that a filter looks at, in voxels [default: 2, Gaussian 5; more where σ is
     /// larger].
     #[arg(long, value_name = "N")]
@@ -107,6 +110,10 @@ pub struct PrepareArgs {
     /// Threads to use [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
+    /// Memory to use at most, such as 900MiB or 8GiB; a volume that does not fit is prepared block by block [default: half
+    /// of the machine's].
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
     /// Write seconds and counts of the run as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -286,6 +293,27 @@ pub struct SmoothingArgs {
     pub threads: Option<u16>,
 }
 
+/// Bytes from a number and a unit.
+fn bytes(text: &str) -> Result<u64, String> {
+    let digits = text.find(|letter: char| !letter.is_ascii_digit() && letter != '.').unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "kib" | "k" => Some(1024.0),
+        "mib" | "m" => Some(1024.0 * 1024.0),
+        "gib" | "g" => Some(1024.0 * 1024.0 * 1024.0),
+        "tib" | "t" => Some(1024.0 * 1024.0 * 1024.0 * 1024.0),
+        "kb" => Some(1e3),
+        "mb" => Some(1e6),
+        "gb" => Some(1e9),
+        "tb" => Some(1e12),
+        _ => None,
+    };
+    let size = number.parse::<f64>().ok().zip(factor).map(|(number, factor)| number * factor);
+    size.filter(|size| *size >= 1.0 && *size < 1e18)
+        .map(|size| size as u64)
+        .ok_or_else(|| "expected a number and a unit, such as 900MiB or 8GiB".into())
+}
+
 /// A type of number, and what stands for what in it if that is not the type's own.
 #[derive(Clone, Copy, Debug)]
 pub struct PhantomType {
@@ -323,6 +351,15 @@ pub enum SmoothArg {
     BilateralValue,
     /// Gaussian on the value.
     GaussianValue,
+}
+
+/// `--bilateral`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum BilateralArg {
+    /// By polynomials: the filtered field is off by at most 0.1 % of its range, 0.01 % with the default spatial σ.
+    Fast,
+    /// By the exponential, neighbour by neighbour; slower.
+    Exact,
 }
 
 /// `--climb`.
@@ -465,8 +502,8 @@ mod tests {
     fn names_of_the_contract_are_understood() {
         for line in [
             "voxrole prepare in.nrrd -o out.vxr --method paper --smooth bilateral-derivatives --spatial-sigma 1 \
-             --range-sigma 0.1 --radius 2 --climb literal --step 0.2 --dmax 15 --keep derivatives --no-skip --threads 2 \
-             --report r.json",
+             --range-sigma 0.1 --bilateral exact --radius 2 --climb literal --step 0.2 --dmax 15 --keep derivatives \
+             --no-skip --threads 2 --report r.json",
             "voxrole prepare in.raw -o out.vxr --dims 2,3,4 --dtype u16be --spacing 1,1,2 --skip-bytes 8",
             "voxrole histogram f.vxr --kind v-g -o o.png",
             "voxrole histogram f.vxr --kind v-f2 -o o.png",
@@ -481,6 +518,17 @@ mod tests {
             "voxrole phantom --list",
         ] {
             Cli::try_parse_from(line.split_whitespace()).expect(line);
+        }
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(bytes("64MiB"), Ok(64 << 20));
+        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
+        assert_eq!(bytes("2g"), Ok(2 << 30));
+        assert_eq!(bytes("10MB"), Ok(10_000_000));
+        for wrong in ["", "64", "MiB", "-1GiB", "1e3MiB", "1PiB", "0GiB", "NaNMiB"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
         }
     }
 }

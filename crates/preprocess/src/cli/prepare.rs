@@ -2,15 +2,16 @@
 
 use anyhow::{Context, bail, ensure};
 use rayon::ThreadPoolBuilder;
+use sysinfo::System;
+use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
-use voxrole_preprocess::io::read_volume;
-use voxrole_preprocess::prepare;
-use voxrole_preprocess::progress::Progress;
-use voxrole_preprocess::report::{Report, Stage};
+use voxrole_preprocess::io::open_volume;
+use voxrole_preprocess::prepare::prepare_file;
+use voxrole_preprocess::report::Report;
 use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
 
-use super::args::{ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
+use super::args::{BilateralArg, ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
 use super::terminal::TerminalProgress;
 
 pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
@@ -39,17 +40,19 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
 
 fn read_and_prepare(args: &PrepareArgs, settings: &Settings) -> anyhow::Result<Report> {
     let progress = TerminalProgress::new();
-    progress.begin("reading", 1);
-    let start = std::time::Instant::now();
-    let grid = read_volume(&args.input, args.raw.layout().as_ref())?;
-    let reading = Stage { name: "reading", seconds: start.elapsed().as_secs_f64() };
-    progress.step();
-    let result = prepare(&grid, settings, &args.output, &progress);
+    let file = open_volume(&args.input, args.raw.layout().as_ref())?;
+    let memory = args.memory.map_or_else(half_of_memory, Ok)?;
+    let result = prepare_file(file, settings, memory, &args.output, &progress);
     progress.finish();
-    let mut report = result.with_context(|| format!("preparing {}", args.input.display()))?;
-    report.seconds += reading.seconds;
-    report.stages.insert(0, reading);
-    Ok(report)
+    result.with_context(|| format!("preparing {}", args.input.display()))
+}
+
+/// Half of the memory that this machine, or the container that this runs in, has.
+fn half_of_memory() -> anyhow::Result<u64> {
+    let mut system = System::new().context("finding out how much memory there is; give --memory")?;
+    system.refresh_memory();
+    let limit = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
+    Ok(system.total_memory().min(limit) / 2)
 }
 
 fn settings(args: &PrepareArgs) -> Settings {
@@ -83,6 +86,12 @@ fn settings(args: &PrepareArgs) -> Settings {
     smoothing.spatial_sigma = args.spatial_sigma.unwrap_or(smoothing.spatial_sigma);
     smoothing.range_sigma = args.range_sigma;
     smoothing.radius = args.radius.unwrap_or((smoothing.radius as f64 * wider).ceil() as usize);
+    if let Some(weights) = args.bilateral {
+        smoothing.range_weights = match weights {
+            BilateralArg::Fast => RangeWeights::Fast,
+            BilateralArg::Exact => RangeWeights::Exact,
+        };
+    }
     if let Some(climb) = args.climb {
         settings.climb = match climb {
             ClimbArg::Literal => Climb::Literal,
@@ -111,7 +120,7 @@ fn settings(args: &PrepareArgs) -> Settings {
 /// An option that would do nothing is a mistake.
 fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> anyhow::Result<()> {
     let given = |option: &'static str, is_given: bool| is_given.then_some(option);
-    let range = given("--range-sigma", args.range_sigma.is_some());
+    let range = given("--range-sigma", args.range_sigma.is_some()).or(given("--bilateral", args.bilateral.is_some()));
     let any =
         range.or(given("--spatial-sigma", args.spatial_sigma.is_some())).or(given("--radius", args.radius.is_some()));
     match (smoothing.placement, any, range) {
