@@ -66,6 +66,17 @@ impl GradientNoise {
         Ok(Self { axes, dims, noise })
     }
 
+    /// A bound that [`Self::at`] is nowhere below.
+    #[must_use]
+    pub fn least(&self) -> f32 {
+        let least = |axis: usize, quantity: usize| {
+            self.axes[axis].iter().map(|gains| gains[quantity]).fold(f32::INFINITY, f32::min)
+        };
+        // The same products as for a voxel, so that rounding is the same.
+        let [[x, along_x], [y, along_y], [z, along_z]] = [0, 1, 2].map(|axis| [least(axis, 0), least(axis, 1)]);
+        self.noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)
+    }
+
     /// The standard deviation of the noisiest component of the gradient at a voxel.
     #[inline]
     #[must_use]

@@ -81,6 +81,9 @@ impl Roles {
     }
 }
 
+/// Voxels of a row that are looked at together.
+const RUN: usize = 32;
+
 /// One slice of every layer.
 struct Slice<'a> {
     distance: &'a mut [f32],
@@ -94,7 +97,19 @@ struct Slice<'a> {
 fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, region: &Region, k: usize, slice: &mut Slice<'_>) -> Totals {
     let mut totals = Totals::default();
     let (width, [x, y, z]) = (region.dims()[0], region.start);
-    for voxel in 0..slice.distance.len() {
+    let mut voxel = 0;
+    let mut flat_before = 0;
+    while voxel < slice.distance.len() {
+        // Where there is nothing, whole runs are passed over at once.
+        if voxel >= flat_before {
+            let run = (width - voxel % width).min(RUN);
+            flat_before = voxel + run;
+            if tracer.is_flat([x + voxel % width, y + voxel / width, z + k], run) {
+                totals.work.flat += run as u64;
+                voxel += run;
+                continue;
+            }
+        }
         match tracer.role([x + voxel % width, y + voxel / width, z + k], &mut totals.work) {
             Role::Masked => {
                 slice.distance[voxel] = MASKED;
@@ -109,6 +124,7 @@ fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, region: &Region, k: usize, sl
                 totals.hits += 1;
             }
         }
+        voxel += 1;
     }
     totals
 }

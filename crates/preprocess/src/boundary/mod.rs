@@ -46,6 +46,12 @@ impl GradientFloor {
         Self { noise: self.noise.clone(), origin }
     }
 
+    /// The smallest that it is anywhere.
+    fn least(&self) -> f32 {
+        let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
+        (deviations * noise.least()).max(GRADIENT_FLOOR)
+    }
+
     #[inline]
     fn at(&self, voxel: [usize; 3]) -> f32 {
         let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
@@ -117,6 +123,8 @@ pub struct Tracer<'a> {
     second_derivative: &'a [f32],
     cells: Option<&'a CellDistances>,
     floor: &'a GradientFloor,
+    /// What every boundary's gradient is above.
+    least_gradient: f32,
     gradient: Gradient<'a>,
     smooth: Option<Smooth<'a>>,
     root_finder: RootFinder,
@@ -158,6 +166,7 @@ impl<'a> Tracer<'a> {
             second_derivative: voxels(&derivatives.second_derivative),
             cells: leaps.then_some(cells),
             floor,
+            least_gradient: floor.least(),
             gradient,
             smooth,
             root_finder: settings.root_finder,
@@ -170,6 +179,20 @@ impl<'a> Tracer<'a> {
             d_max: (settings.d_max * (1.0 + 1e-6)) as f32,
             climb: settings.climb,
         }
+    }
+
+    /// Whether none of a run of voxels along x has a gradient that could be a boundary's, nor is masked.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_flat(&self, [x, y, z]: [usize; 3], len: usize) -> bool {
+        let first = (z * self.dims[1] + y) * self.dims[0] + x;
+        let gradients = &self.gradient_magnitude[first..first + len];
+        let seconds = &self.second_derivative[first..first + len];
+        let mut flat = true;
+        for at in 0..len {
+            flat &= gradients[at] <= self.least_gradient && !seconds[at].is_nan();
+        }
+        flat
     }
 
     /// The role of one voxel.
