@@ -1,5 +1,6 @@
 //! Files that appear under their name only when they are complete.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -72,7 +73,8 @@ impl AtomicFile {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         }
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".voxrole-").suffix(".partial");
+        let prefix = prefix(&path);
+        builder.prefix(&prefix).suffix(SUFFIX);
         #[cfg(unix)]
         // What any other program would create: readable by all that the umask lets.
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -96,6 +98,33 @@ impl AtomicFile {
     pub fn commit(self) -> io::Result<()> {
         self.file.as_file().sync_all()?;
         self.file.persist(&self.path).map(drop).map_err(|error| error.error)
+    }
+}
+
+/// How temporary files end.
+const SUFFIX: &str = ".partial";
+
+/// How temporary files of an output begin.
+fn prefix(path: &Path) -> OsString {
+    let mut prefix = OsString::from(".voxrole-");
+    prefix.push(path.file_name().unwrap_or_default());
+    prefix.push("-");
+    prefix
+}
+
+/// Removes the temporary files that killed runs left of `path`, which no other run may be writing.
+pub(crate) fn remove_left_overs(path: &Path) {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let prefix = prefix(path);
+    let is_left_over = |name: &OsStr| {
+        let (name, prefix) = (name.as_encoded_bytes(), prefix.as_encoded_bytes());
+        // As many letters as tempfile draws.
+        name.len() == prefix.len() + 6 + SUFFIX.len() && name.starts_with(prefix) && name.ends_with(SUFFIX.as_bytes())
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    for entry in entries.filter(|entry| is_left_over(&entry.file_name())) {
+        // Whoever cannot remove it can do nothing more about it.
+        let _ = std::fs::remove_file(entry.path());
     }
 }
 

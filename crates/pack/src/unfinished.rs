@@ -1,6 +1,7 @@
 //! What a run has done so far, block by block, so that the next one can go on.
 //!
-//! The file begins with a mark and a fingerprint of the whole task. One record for each finished block follows: a table,
+//! The file begins with a mark, fingerprints of the whole task and of its input file, and what was found out about the input
+//! before the first block. One record for each finished block follows: a table,
 //! then the block's bricks and numbers. Every byte is under a checksum, so that a record is whole or none: what a run that
 //! was killed left behind the last whole one is cut off. The file is locked as long as a run uses it.
 
@@ -18,8 +19,10 @@ use crate::{Error, Result, atomic_file, codec};
 
 /// How the file begins; the digit is its version.
 const MAGIC: [u8; 8] = *b"VXRPART1";
-/// The mark and the fingerprint.
-const HEAD_BYTES: u64 = 40;
+/// The mark, both fingerprints, and the numbers' count and CRC-32.
+const HEAD_BYTES: usize = 80;
+/// Most numbers that are kept of an input.
+const MOST_NUMBERS: usize = 1 << 24;
 /// Most bytes of a record's table.
 const MAX_TABLE_BYTES: usize = 1 << 26;
 
@@ -67,6 +70,7 @@ impl Claim {
                 let is_new = file.metadata().map_err(io())?.len() == 0;
                 let mut claim = Self { file, path, is_idle: None };
                 claim.keep(!is_new);
+                atomic_file::remove_left_overs(output);
                 return Ok(claim);
             }
         }
@@ -76,6 +80,14 @@ impl Claim {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What an earlier run kept of the same input file, whatever its task was.
+    #[must_use]
+    pub fn findings(&mut self, input: [u8; 32]) -> Option<Vec<u64>> {
+        let length = self.file.metadata().ok()?.len();
+        let head = read_head(&mut self.file, length).ok()??;
+        (head.input == input).then_some(head.findings)
     }
 
     /// Removes the file, whatever is in it.
@@ -148,11 +160,12 @@ impl std::fmt::Debug for PackerDebug {
 }
 
 impl Unfinished {
-    /// Goes on where the last run of the same task was stopped; begins anew where there was none, or another task.
+    /// Goes on where the last run of the same task was stopped; begins anew where there was none, or another task. Fingerprint
+    /// and findings of the input are kept for [`Claim::findings`].
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn resume(mut claim: Claim, task: [u8; 32]) -> Result<Self> {
+    pub fn resume(mut claim: Claim, task: [u8; 32], input: [u8; 32], findings: &[u64]) -> Result<Self> {
         let io = |action: &str| Error::io(format!("{action} {}", claim.path.display()));
         let mut file = claim.file.try_clone().map_err(io("opening"))?;
         let found = read_records(&mut file, task).map_err(io("reading"))?;
@@ -161,8 +174,9 @@ impl Unfinished {
             None => {
                 file.set_len(0).map_err(io("clearing"))?;
                 file.seek(SeekFrom::Start(0)).map_err(io("clearing"))?;
-                file.write_all(&MAGIC).and_then(|()| file.write_all(&task)).map_err(io("writing"))?;
-                (Vec::new(), HEAD_BYTES)
+                let head = Head { task, input, findings: findings.to_vec() }.to_bytes();
+                file.write_all(&head).map_err(io("writing"))?;
+                (Vec::new(), head.len() as u64)
             }
         };
         file.set_len(position).map_err(io("clearing"))?;
@@ -288,20 +302,51 @@ impl Unfinished {
     }
 }
 
+/// How the file begins.
+struct Head {
+    task: [u8; 32],
+    input: [u8; 32],
+    findings: Vec<u64>,
+}
+
+impl Head {
+    fn to_bytes(&self) -> Vec<u8> {
+        let numbers: Vec<u8> = self.findings.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let count = (self.findings.len() as u32).to_le_bytes();
+        let crc32 = crc32fast::hash(&numbers).to_le_bytes();
+        [&MAGIC[..], &self.task, &self.input, &count, &crc32, &numbers].concat()
+    }
+}
+
+/// The head of a file; none where it is not whole. The file is then read up to its end.
+fn read_head(file: &mut File, length: u64) -> std::io::Result<Option<Head>> {
+    file.seek(SeekFrom::Start(0))?;
+    let mut start = [0; HEAD_BYTES];
+    if length < HEAD_BYTES as u64 {
+        return Ok(None);
+    }
+    file.read_exact(&mut start)?;
+    let word = |at: usize| u32::from_le_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]]);
+    let (count, crc32) = (word(72) as usize, word(76));
+    if start[..8] != MAGIC || count > MOST_NUMBERS || length < (HEAD_BYTES + 8 * count) as u64 {
+        return Ok(None);
+    }
+    let mut bytes = vec![0; 8 * count];
+    file.read_exact(&mut bytes)?;
+    if crc32fast::hash(&bytes) != crc32 {
+        return Ok(None);
+    }
+    let part = |at: usize| std::array::from_fn(|index| start[at + index]);
+    let findings = bytes.as_chunks::<8>().0.iter().map(|number| u64::from_le_bytes(*number)).collect();
+    Ok(Some(Head { task: part(8), input: part(40), findings }))
+}
+
 /// All whole records of a task and the position behind them; none where the file is another task's.
 fn read_records(file: &mut File, task: [u8; 32]) -> std::io::Result<Option<(Vec<Record>, u64)>> {
     let length = file.metadata()?.len();
-    file.seek(SeekFrom::Start(0))?;
+    let Some(head) = read_head(file, length)?.filter(|head| head.task == task) else { return Ok(None) };
+    let (mut records, mut position) = (Vec::new(), (HEAD_BYTES + 8 * head.findings.len()) as u64);
     let mut reader = BufReader::with_capacity(1 << 20, file);
-    let mut head = [0; HEAD_BYTES as usize];
-    if length < HEAD_BYTES {
-        return Ok(None);
-    }
-    reader.read_exact(&mut head)?;
-    if head[..8] != MAGIC || head[8..] != task {
-        return Ok(None);
-    }
-    let (mut records, mut position) = (Vec::new(), HEAD_BYTES);
     while let Some((record, end)) = read_record(&mut reader, position, length)? {
         records.push(record);
         position = end;
@@ -354,7 +399,7 @@ mod tests {
     }
 
     fn open(output: &Path, task: u8) -> Unfinished {
-        Unfinished::resume(Claim::new(output).expect("free"), [task; 32]).expect("opens")
+        Unfinished::resume(Claim::new(output).expect("free"), [task; 32], [9; 32], &[4, 5]).expect("opens")
     }
 
     #[test]
@@ -383,9 +428,18 @@ mod tests {
             let mut damaged = whole.clone();
             damaged[at] ^= 16;
             std::fs::write(&path, &damaged).expect("writes");
-            assert!(open(&output, 1).len() < 2, "{at}");
+            if (40..72).contains(&at) {
+                // The input's fingerprint: nothing that is known of an input is known of this one.
+                assert_eq!(Claim::new(&output).expect("free").findings([9; 32]), None);
+            } else {
+                assert!(open(&output, 1).len() < 2, "{at}");
+            }
         }
         std::fs::write(&path, &whole).expect("writes");
+        let mut claim = Claim::new(&output).expect("free");
+        assert_eq!(claim.findings([9; 32]), Some(vec![4, 5]));
+        assert_eq!(claim.findings([8; 32]), None);
+        drop(claim);
         assert!(open(&output, 2).is_empty());
         assert!(!path.exists(), "nothing to go on from");
     }
@@ -399,5 +453,10 @@ mod tests {
         drop(claim);
         Claim::new(&output).expect("free again").release();
         assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 0);
+        // What a killed run left is taken away by the next one; what others are writing is not.
+        std::fs::write(folder.path().join(".voxrole-out.vxr-abc123.partial"), b"rest").expect("writes");
+        std::fs::write(folder.path().join(".voxrole-out.vxr-2-abc123.partial"), b"another's").expect("writes");
+        Claim::new(&output).expect("free").release();
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1);
     }
 }

@@ -113,15 +113,20 @@ fn run(
     mut watch: Stopwatch,
 ) -> Result<Report> {
     settings.validate()?;
-    let claim = Claim::new(path)?;
+    let mut claim = Claim::new(path)?;
     let dims = source.dims();
     let voxels: usize = dims.iter().product();
     let memory = memory.saturating_sub(source.resident_bytes());
     let at_once = fits_at_once(voxels, source.scalar_type(), settings, memory);
     progress.begin("looking at the volume", 1);
-    let scan = Scan::new(&source, !at_once)?;
+    let known =
+        source.identity().and_then(|input| claim.findings(input)).and_then(|numbers| Findings::new(&numbers, dims));
+    let Findings { scan, noise } = match known {
+        Some(findings) => findings,
+        None => Findings { scan: Scan::new(&source, !at_once)?, noise: None },
+    };
     watch.lap("first look");
-    let mut recipe = Recipe::new(source, scan, settings, at_once, &mut watch)?;
+    let mut recipe = Recipe::new(source, scan, noise, settings, at_once, &mut watch)?;
     progress.step();
     let outcome = if at_once {
         progress.begin("roles", dims[2] as u64);
@@ -155,6 +160,24 @@ fn run(
     })
 }
 
+/// What is found out by reading the whole volume, and kept for the next run if this one is stopped.
+struct Findings {
+    scan: Scan,
+    noise: Option<f32>,
+}
+
+impl Findings {
+    fn new(numbers: &[u64], dims: [usize; 3]) -> Option<Self> {
+        let (noise, scan) = numbers.split_first()?;
+        Some(Self { scan: Scan::from_numbers(scan, dims)?, noise: Some(f32::from_bits(*noise as u32)) })
+    }
+
+    fn to_numbers(&self) -> Vec<u64> {
+        let noise = u64::from(self.noise.unwrap_or_default().to_bits());
+        std::iter::once(noise).chain(self.scan.to_numbers()).collect()
+    }
+}
+
 /// What came of a run.
 struct Outcome {
     file_bytes: u64,
@@ -173,7 +196,10 @@ fn in_blocks(
     watch: &mut Stopwatch,
 ) -> Result<Outcome> {
     let voxels_sha256 = recipe.scan.voxels_sha256.unwrap_or_default();
-    let mut unfinished = Unfinished::resume(claim, task(recipe, plan, voxels_sha256))?;
+    let findings = Findings { scan: recipe.scan.clone(), noise: Some(recipe.noise) };
+    let input = recipe.source.identity().unwrap_or_default();
+    let task = task(recipe, plan, voxels_sha256);
+    let mut unfinished = Unfinished::resume(claim, task, input, &findings.to_numbers())?;
     let blocks_before = unfinished.len();
     let slices = |block: usize| plan.region(block).dims()[2] as u64;
     progress.begin("roles", (0..plan.len()).map(slices).sum());
@@ -250,7 +276,7 @@ pub fn compute_roles(
     settings.validate()?;
     let source = Source::from(grid);
     let scan = Scan::new(&source, false)?;
-    let mut recipe = Recipe::new(source, scan, settings, true, watch)?;
+    let mut recipe = Recipe::new(source, scan, None, settings, true, watch)?;
     let Block { field, roles, counts, .. } = recipe.prepare(Region::whole(source.dims()), progress, watch)?;
     let Recipe { settings, choice, range_sigmas, scan, .. } = recipe;
     let prepared =

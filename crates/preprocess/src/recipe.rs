@@ -76,7 +76,8 @@ pub struct Block<'a> {
 }
 
 impl<'a> Recipe<'a> {
-    /// Looks at the volume and decides what is left to the data. `at_once` says that the volume will be one block.
+    /// Looks at the volume and decides what is left to the data; `noise` is the volume's, where it is known. `at_once` says
+    /// that the volume will be one block.
     ///
     /// # Errors
     /// [`crate::Error::Parameter`] for settings or a volume that cannot be used; [`crate::Error::Io`] when reading fails,
@@ -84,6 +85,7 @@ impl<'a> Recipe<'a> {
     pub fn new(
         source: Source<'a>,
         scan: Scan,
+        noise: Option<f32>,
         settings: &Settings,
         at_once: bool,
         watch: &mut Stopwatch,
@@ -94,9 +96,10 @@ impl<'a> Recipe<'a> {
         let read = |region: &Region| scaling.field(&*source.read(region)?, region.dims());
         let whole = if at_once { Some(read(&Region::whole(dims))?) } else { None };
         watch.lap("conversion");
-        let noise = match &whole {
-            Some(field) => noise_sigma(field),
-            None => noise_sigma_of_slabs(dims, SLAB_VOXELS / (dims[0] * dims[1]), read)?,
+        let noise = match (noise, &whole) {
+            (Some(noise), _) => noise,
+            (None, Some(field)) => noise_sigma(field),
+            (None, None) => noise_sigma_of_slabs(dims, SLAB_VOXELS / (dims[0] * dims[1]), read)?,
         };
         let noise = noise.max(quantisation_noise(&source, &scaling));
         watch.lap("noise estimate");

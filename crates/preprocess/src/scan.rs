@@ -68,6 +68,36 @@ impl Scan {
         Ok(Self { range, has_bad: has_bad_numbers, voxels_sha256, dims, boxes })
     }
 
+    /// All that was seen, as numbers to be kept.
+    #[must_use]
+    pub fn to_numbers(&self) -> Vec<u64> {
+        let bits = |range: [f64; 2]| range.map(f64::to_bits);
+        let hash = self.voxels_sha256.unwrap_or_default();
+        let words = hash.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word));
+        let head = [u64::from(self.has_bad), u64::from(self.voxels_sha256.is_some())];
+        let boxes = self.boxes.iter().flat_map(|range| bits(range.unwrap_or([f64::NAN; 2])));
+        head.into_iter().chain(bits(self.range)).chain(words).chain(boxes).collect()
+    }
+
+    /// What [`Self::to_numbers`] made numbers of, for a volume of `dims` voxels; `None` where those are others.
+    #[must_use]
+    pub fn from_numbers(numbers: &[u64], dims: [usize; 3]) -> Option<Self> {
+        let [has_bad, has_hash, low, high, a, b, c, d, boxes @ ..] = numbers else { return None };
+        let range = [low, high].map(|end| f64::from_bits(*end));
+        let mut hash = [0; 32];
+        hash.copy_from_slice([a, b, c, d].map(|word| word.to_le_bytes()).as_flattened());
+        let ends = boxes.as_chunks::<2>().0.iter().map(|ends| ends.map(f64::from_bits));
+        let boxes: Vec<_> = ends.map(|ends| (!ends[0].is_nan()).then_some(ends)).collect();
+        let expected: usize = box_counts(dims).iter().product();
+        (boxes.len() == expected && range[0] <= range[1]).then(|| Self {
+            range,
+            has_bad: *has_bad == 1,
+            voxels_sha256: (*has_hash == 1).then_some(hash),
+            dims,
+            boxes,
+        })
+    }
+
     /// Boxes that stand for the volume, with about `voxels` voxels together: evenly spread over those of some contrast.
     #[must_use]
     pub fn sample(&self, voxels: usize) -> Vec<Region> {
@@ -170,6 +200,9 @@ mod tests {
         let scan = Scan::new(&Source::from(&grid), true).expect("finite numbers");
         assert_eq!((scan.range, scan.has_bad), ([-4.0, 9.0], true));
         assert_eq!(scan.voxels_sha256, Some(grid.voxels_sha256()));
+        let kept = Scan::from_numbers(&scan.to_numbers(), [70, 3, 130]).expect("its own numbers");
+        assert_eq!((kept.to_numbers(), kept.boxes.len()), (scan.to_numbers(), scan.boxes.len()));
+        assert!(Scan::from_numbers(&scan.to_numbers(), [70, 3, 700]).is_none());
     }
 
     #[test]

@@ -67,6 +67,16 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// What tells the input's file from others and from itself at other times, without reading it: `None` where there is no
+    /// file.
+    #[must_use]
+    pub fn identity(&self) -> Option<[u8; 32]> {
+        match self.voxels {
+            Voxels::Memory(_) => None,
+            Voxels::File(voxels) => voxels.identity(),
+        }
+    }
+
     /// The stored numbers of a region, x fastest.
     ///
     /// # Errors

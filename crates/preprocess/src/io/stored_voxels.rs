@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{ScalarType, Scalars};
@@ -30,6 +31,17 @@ impl StoredVoxels {
     #[must_use]
     pub fn scalar_type(&self) -> ScalarType {
         self.stored.scalar_type
+    }
+
+    /// A hash of path, length, time of change and place of the numbers in the file that the user knows; `None` where the
+    /// operating system does not tell.
+    #[must_use]
+    pub fn identity(&self) -> Option<[u8; 32]> {
+        let path = self.path.canonicalize().ok()?;
+        let metadata = path.metadata().ok()?;
+        let changed = metadata.modified().ok()?;
+        let all = format!("{path:?} {} {changed:?} {} {:?} {:?}", metadata.len(), self.offset, self.dims, self.stored);
+        Some(Sha256::digest(all).into())
     }
 
     /// Reads a region, x fastest.
