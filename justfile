@@ -56,3 +56,27 @@ peers-canny OUT:
 peers-bilateral:
     cargo build --release --bin voxrole
     python3 tests/peers/bilateral.py target/release/voxrole
+
+# Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
+bench OUT:
+    cargo build --release --no-default-features --bin voxrole
+    python3 tests/scaling.py target/release/voxrole {{OUT}}
+
+# Times of the kernels, each beside a copy of as many bytes.
+bench-kernels:
+    cargo bench --no-default-features -p voxrole-preprocess --bench kernels
+
+# Whole runs, derivatives and the bilateral filter beside teem and ITK, as ratios; installs both into a folder of its own.
+bench-peers:
+    command -v teem-vprobe || apt-get install -y teem-apps
+    python3 -m venv target/peers
+    target/peers/bin/pip install --quiet SimpleITK numpy pynrrd
+    cargo build --release --no-default-features --bin voxrole
+    target/peers/bin/python tests/peers/speed.py target/release/voxrole
+    target/peers/bin/python tests/peers/bilateral.py target/release/voxrole
+
+# Kills a run at 20 random moments and goes on with it each time; the file must be that of an undisturbed run.
+kill-and-resume:
+    cargo build --release --no-default-features --bin voxrole
+    target/release/voxrole phantom three-balls --dims 512,512,512 --dtype u16 -o target/three-balls-512.nrrd
+    python3 tests/kill_and_resume.py target/release/voxrole target/three-balls-512.nrrd --method fast --smooth none

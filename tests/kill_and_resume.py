@@ -39,7 +39,7 @@ def main():
         spent, kills = 0.0, 0
         while kills < options.kills:
             # Moments all over the run, be they in the first look, in a block or where the file is put together.
-            moment = chance.uniform(0.0, whole)
+            moment = chance.uniform(0.0, whole / 4.0)
             start = time.monotonic()
             run = prepare(options, others, killed, folder / "report.json")
             try:

@@ -3,15 +3,23 @@
 use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use rayon::prelude::*;
 use voxrole_pack::layer::Quantization;
 use voxrole_pack::{DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, ScalarType, Scalars, Writer};
 use voxrole_preprocess::Grid;
 use voxrole_preprocess::bilateral::{Bilateral, BilateralSettings, RangeWeights};
+use voxrole_preprocess::bspline::{Coefficients, Degree};
+use voxrole_preprocess::central_difference::derivatives_into;
+use voxrole_preprocess::directional_derivative::{Derivatives, EdgeOperator};
 use voxrole_preprocess::joint_histogram::{Axes, Binning, Quantities, Tally};
-use voxrole_preprocess::working_field::Field;
+use voxrole_preprocess::separable_derivative::{SeparableKernel, separable_derivatives_into};
+use voxrole_preprocess::working_field::{Field, WorkingField};
+use voxrole_preprocess::zero_crossing::CellDistances;
 
 const EDGE: usize = 128;
 const VOXELS: usize = EDGE * EDGE * EDGE;
+/// Edge of what no cache holds.
+const LARGE: usize = 256;
 
 /// What is packed of a ball with a blurred edge.
 struct Ball {
@@ -121,5 +129,43 @@ fn bilateral(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(kernels, packing, bilateral);
+/// Each kernel beside a copy of as many bytes as it reads and writes at least.
+fn derivatives(criterion: &mut Criterion) {
+    let mut field = WorkingField::new(&Ball::new().grid).expect("finite numbers");
+    field.values = Field::from_shape_fn((LARGE, LARGE, LARGE), |(k, j, i)| {
+        field.values[[k * EDGE / LARGE, j * EDGE / LARGE, i * EDGE / LARGE]]
+    });
+    let voxels = field.values.len();
+    let mut group = criterion.benchmark_group("derivatives");
+    group.throughput(Throughput::Elements(voxels as u64)).sample_size(20);
+    // A value is read, a gradient magnitude and a second derivative are written: 12 bytes, of which a copy reads half.
+    let from = vec![1.0_f32; voxels * 3 / 2];
+    let mut to = vec![0.0_f32; voxels * 3 / 2];
+    group.bench_function("copy of the same bytes", |bencher| {
+        bencher.iter(|| {
+            to.par_chunks_mut(1 << 16).zip(from.par_chunks(1 << 16)).for_each(|(to, from)| to.copy_from_slice(from));
+        });
+    });
+    let mut derivatives = Derivatives::zeros([LARGE; 3]);
+    group.bench_function("central2", |bencher| {
+        bencher.iter(|| derivatives_into(&field, EdgeOperator::SecondDerivative, &mut derivatives));
+    });
+    let coefficients = Coefficients::new(&field.values, Degree::Quintic).expect("fits");
+    let kernel = SeparableKernel::spline(Degree::Quintic);
+    group.bench_function("bspline5 on coefficients", |bencher| {
+        bencher.iter(|| {
+            let operator = EdgeOperator::SecondDerivative;
+            separable_derivatives_into(&coefficients.field, [1.0; 3], &kernel, operator, &mut derivatives);
+        });
+    });
+    group.bench_function("prefilter of bspline5", |bencher| {
+        bencher.iter(|| Coefficients::new(&field.values, Degree::Quintic).expect("fits"));
+    });
+    group.bench_function("zero-crossing cells", |bencher| {
+        bencher.iter(|| CellDistances::new(&derivatives.second_derivative));
+    });
+    group.finish();
+}
+
+criterion_group!(kernels, derivatives, packing, bilateral);
 criterion_main!(kernels);

@@ -1,13 +1,15 @@
 //! Volumes prepared block by block: the same bytes, however they are cut, stopped and gone on with.
 
 use std::fs;
+use std::panic::{RefUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use voxrole_pack::{GridGeometry, Reader, Scalars};
 use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::differentiation::Kernel;
 use voxrole_preprocess::prepare::prepare_source;
-use voxrole_preprocess::progress::Silent;
+use voxrole_preprocess::progress::{Progress, Silent};
 use voxrole_preprocess::reconstruction::Reconstruction;
 use voxrole_preprocess::report::Report;
 use voxrole_preprocess::settings::{Method, Settings, Smoothing, SmoothingSettings};
@@ -119,4 +121,51 @@ fn threads_do_not_matter_to_blocks() {
     }
     assert!(Reader::open(&path).expect("opens").verify().is_ok());
     assert_eq!(fs::read_dir(folder.path()).expect("lists").count(), 2, "nothing else is left");
+}
+
+/// Stops a run where it is.
+struct Stop {
+    after: AtomicU64,
+}
+
+impl Progress for Stop {
+    fn begin(&self, _: &'static str, _: u64) {}
+
+    fn step(&self) {
+        let left = self.after.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
+        assert!(left.is_ok(), "stopped by the test");
+    }
+}
+
+#[test]
+fn a_stopped_run_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("blocks.vxr");
+    let grid = volume([70, 40, 97], [1.0; 3], false);
+    let settings = Settings::new(Method::Fast);
+    let (expected, whole) = at_once(&grid, &settings, folder.path());
+    let memory = least_memory(&grid, &settings, &path) + grid.geometry.voxel_count() as u64 * 4;
+    let run = |settings: &Settings, progress: &(dyn Progress + RefUnwindSafe)| {
+        catch_unwind(|| prepare_source(Source::from(&grid), settings, memory, &path, progress))
+    };
+    // Stopped again and again, ever later.
+    let mut before = 0;
+    for after in [0, 40, 60, 90, 120] {
+        assert!(run(&settings, &Stop { after: after.into() }).is_err(), "stopped");
+        assert!(!path.exists());
+    }
+    for wanted in [1, 2] {
+        // The same task finds what was done; another one does not.
+        let report = run(&settings, &Silent).expect("not stopped").expect("prepares");
+        assert!(fs::read(&path).expect("written") == expected);
+        assert_eq!(report.counts, whole.counts);
+        before = before.max(report.blocks_before);
+        assert!(wanted == 2 || (1..report.blocks).contains(&before), "{before} of {} blocks", report.blocks);
+        fs::remove_file(&path).expect("there");
+        assert!(run(&settings, &Stop { after: 60.into() }).is_err(), "stopped");
+        let other = Settings { d_max: 14.0, ..settings };
+        assert_eq!(run(&other, &Silent).expect("not stopped").expect("prepares").blocks_before, 0);
+        fs::remove_file(&path).expect("there");
+    }
+    assert_eq!(fs::read_dir(folder.path()).expect("lists").count(), 1, "nothing is left");
 }
