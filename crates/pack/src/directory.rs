@@ -1,5 +1,7 @@
 //! Where each brick and section lies in the file.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 pub use crate::compression::Encoding;
@@ -36,17 +38,42 @@ pub struct Directory {
     pub histograms: Vec<Extent>,
 }
 
+/// A part of the file, to complain by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Section {
+    /// A brick of a layer.
+    Brick {
+        /// The layer's place among the layers.
+        layer: usize,
+        /// The brick's place in the grid.
+        brick: usize,
+    },
+    /// A histogram.
+    Histogram(usize),
+    /// The header.
+    Header,
+    /// The directory.
+    Directory,
+}
+
+impl fmt::Display for Section {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Brick { layer, brick } => write!(formatter, "brick {brick} of layer {layer}"),
+            Self::Histogram(index) => write!(formatter, "histogram {index}"),
+            Self::Header => formatter.write_str("the header"),
+            Self::Directory => formatter.write_str("the directory"),
+        }
+    }
+}
+
 impl Directory {
-    /// Every extent, with a name to complain by.
-    pub fn extents(&self) -> impl Iterator<Item = (String, Extent)> + '_ {
+    /// Every extent.
+    pub fn extents(&self) -> impl Iterator<Item = (Section, Extent)> + '_ {
         let bricks = self.layers.iter().enumerate().flat_map(|(layer, entries)| {
-            entries
-                .iter()
-                .enumerate()
-                .map(move |(brick, entry)| (format!("brick {brick} of layer {layer}"), entry.extent))
+            entries.iter().enumerate().map(move |(brick, entry)| (Section::Brick { layer, brick }, entry.extent))
         });
-        let histograms =
-            self.histograms.iter().enumerate().map(|(index, &extent)| (format!("histogram {index}"), extent));
+        let histograms = self.histograms.iter().enumerate().map(|(index, &extent)| (Section::Histogram(index), extent));
         bricks.chain(histograms)
     }
 }

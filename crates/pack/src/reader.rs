@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::brick::BrickGrid;
 use crate::codec::{self, MAX_DIRECTORY_BYTES, MAX_HEADER_BYTES};
 use crate::compression;
-use crate::directory::{BrickEntry, Directory, Extent};
+use crate::directory::{BrickEntry, Directory, Extent, Section};
 use crate::error::vec_with_capacity;
 use crate::header::Header;
 use crate::histogram::{Histogram, HistogramKind};
@@ -271,13 +271,12 @@ impl Reader {
             )));
         }
         let mut position = PROLOGUE_BYTES as u64;
-        let mut extents: Vec<_> =
-            self.directory.extents().map(|(name, extent)| (name, extent.offset, extent.stored_bytes)).collect();
-        extents.push(("the header".into(), prologue.header.offset, prologue.header.bytes));
-        extents.push(("the directory".into(), prologue.directory.offset, prologue.directory.bytes));
-        for (name, offset, bytes) in extents {
+        let extents = self.directory.extents().map(|(section, extent)| (section, extent.offset, extent.stored_bytes));
+        let tables = [(Section::Header, prologue.header), (Section::Directory, prologue.directory)];
+        let tables = tables.map(|(section, table)| (section, table.offset, table.bytes));
+        for (section, offset, bytes) in extents.chain(tables) {
             if offset != position {
-                return Err(Error::Format(format!("{name} lies at byte {offset}, where {position} is expected")));
+                return Err(Error::Format(format!("{section} lies at byte {offset}, where {position} is expected")));
             }
             position += u64::from(bytes);
         }
