@@ -91,7 +91,7 @@ fn jobs_do_not_change_the_files() {
     for (folder, options) in [
         ("two", "--jobs 2 --threads 2"),
         ("three", "--jobs 3 --threads 3 --progress bar"),
-        ("blocks", "--jobs 3 --threads 2 --memory 12MiB --report blocks.json"),
+        ("more", "--jobs 64 --threads 2 --progress lines"),
     ] {
         let table = workplace.succeed(&format!("prepare a.nrrd b.nrrd c.nrrd -o {folder} {options}"));
         let order: Vec<_> = table.lines().skip(1).filter_map(|line| line.split_whitespace().next()).collect();
@@ -105,6 +105,15 @@ fn jobs_do_not_change_the_files() {
     workplace.succeed("prepare a.nrrd -o single.vxr");
     let single = fs::read(workplace.path("single.vxr")).expect("reads");
     assert!(single == fs::read(workplace.path("one/a.vxr")).expect("reads"));
+}
+
+#[test]
+fn jobs_share_the_memory() {
+    let workplace = Workplace::new();
+    let output = workplace.run("prepare a.nrrd b.nrrd c.nrrd -o out --jobs 2 --threads 2 --memory 2MiB");
+    let said = errors(&output);
+    assert!(said.contains("preparing b.nrrd with 1/2 of the memory: --memory 1 MiB"), "{said}");
+    assert!(workplace.names("out").is_empty());
 }
 
 #[test]

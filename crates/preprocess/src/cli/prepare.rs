@@ -41,8 +41,15 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     batch::check_outputs(&tasks, into_folder.then_some(args.output.as_path()), args.report.as_deref())?;
     let (pool, jobs) = pool(args, tasks.len())?;
     let memory = args.memory.map_or_else(half_of_memory, Ok)? / jobs as u64;
+    // Says why an error speaks of less memory than was given.
+    let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
     let outcomes = batch::run(&tasks, jobs, |task| {
-        let outcome = pool.install(|| read_and_prepare(task, args, &settings, memory, terminal));
+        let outcome = pool.install(|| {
+            let progress = terminal.progress(&task.input);
+            let file = open_volume(&task.input, args.raw.layout().as_ref())?;
+            prepare_file(file, &settings, memory, &task.output, &*progress)
+                .with_context(|| format!("preparing {}{share}", task.input.display()))
+        });
         match &outcome {
             Ok(report) => terminal.done(&task.input, &task.output, report),
             Err(error) => terminal.error(Some(&task.input), error),
@@ -64,19 +71,6 @@ fn pool(args: &PrepareArgs, volumes: usize) -> anyhow::Result<(ThreadPool, usize
 
 /// Stack of a thread for each volume that may be on it.
 const STACK_BYTES: usize = 2 << 20;
-
-fn read_and_prepare(
-    task: &Task,
-    args: &PrepareArgs,
-    settings: &Settings,
-    memory: u64,
-    terminal: &Terminal,
-) -> anyhow::Result<Report> {
-    let progress = terminal.progress(&task.input);
-    let file = open_volume(&task.input, args.raw.layout().as_ref())?;
-    prepare_file(file, settings, memory, &task.output, &*progress)
-        .with_context(|| format!("preparing {}", task.input.display()))
-}
 
 /// Says what came of all, and writes the report.
 fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
