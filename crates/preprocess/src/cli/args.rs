@@ -112,7 +112,7 @@ pub struct PrepareArgs {
     /// Threads to use [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
-    /// Volumes to prepare at a time, on the same threads; useful for many small ones.
+    /// Volumes to prepare at a time, on the same threads; the seconds of one may then include work on others.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub jobs: u16,
     /// Memory to use at most, such as 900MiB or 8GiB, divided among the jobs; a volume that does not fit is prepared block

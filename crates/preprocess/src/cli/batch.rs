@@ -3,10 +3,11 @@
 use std::ffi::OsString;
 use std::fmt::Write;
 use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use serde::Serialize;
 use voxrole_preprocess::report::Report;
 
@@ -93,15 +94,26 @@ fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
 /// What came of a task.
 pub type Outcome = anyhow::Result<Report>;
 
-/// Runs `work` on every task, `jobs` at a time; the outcomes are in the order of the tasks.
-pub fn run(tasks: &[Task], jobs: usize, work: impl Fn(&Task) -> Outcome + Sync) -> Vec<Outcome> {
+/// Runs `work` on every task, `jobs` at a time, and tells each outcome at once; they are returned in the order of the tasks.
+/// A panic is the failure of its task.
+pub fn run(
+    tasks: &[Task],
+    jobs: usize,
+    work: impl Fn(&Task) -> Outcome + Sync,
+    tell: impl Fn(&Task, &Outcome) + Sync,
+) -> Vec<Outcome> {
     let next = AtomicUsize::new(0);
     let take_turns = || {
         let mut outcomes = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(task) = tasks.get(index) else { return outcomes };
-            outcomes.push((index, work(task)));
+            // What a panic leaves half done belongs to its own task.
+            let outcome = catch_unwind(AssertUnwindSafe(|| work(task))).unwrap_or_else(|_| {
+                Err(anyhow!("{}: a fault of this program; please report it", task.input.display()))
+            });
+            tell(task, &outcome);
+            outcomes.push((index, outcome));
         }
     };
     let mut outcomes = std::thread::scope(|scope| {
@@ -184,10 +196,20 @@ mod tests {
         let inputs: Vec<PathBuf> = (0..20).map(|index| format!("{index}.nrrd").into()).collect();
         let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
         for jobs in [1, 3, 20] {
-            let outcomes = run(&tasks, jobs, |task| bail!("{}", task.input.display()));
-            let said: Vec<_> = outcomes.iter().map(|outcome| outcome.as_ref().err().map(ToString::to_string)).collect();
-            let expected: Vec<_> = inputs.iter().map(|input| Some(input.display().to_string())).collect();
-            assert_eq!(said, expected);
+            let told = AtomicUsize::new(0);
+            let work = |task: &Task| match task.input.to_str() {
+                Some("7.nrrd") => panic!("as a fault would"),
+                name => bail!("{}: bad", name.unwrap_or_default()),
+            };
+            let outcomes = run(&tasks, jobs, work, |_, _| _ = told.fetch_add(1, Ordering::Relaxed));
+            assert_eq!((outcomes.len(), told.into_inner()), (20, 20));
+            for (index, outcome) in outcomes.iter().enumerate() {
+                let said = outcome.as_ref().expect_err("all fail").to_string();
+                assert!(
+                    said.starts_with(&format!("{index}.nrrd: ")) && said.contains("fault") == (index == 7),
+                    "{said}"
+                );
+            }
         }
     }
 }

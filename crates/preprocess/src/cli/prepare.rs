@@ -43,18 +43,17 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let memory = args.memory.map_or_else(half_of_memory, Ok)? / jobs as u64;
     // Says why an error speaks of less memory than was given.
     let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
-    let outcomes = batch::run(&tasks, jobs, |task| {
-        let outcome = pool.install(|| {
+    let work = |task: &Task| {
+        pool.install(|| {
             let progress = terminal.progress(&task.input);
             let file = open_volume(&task.input, args.raw.layout().as_ref())?;
             prepare_file(file, &settings, memory, &task.output, &*progress)
                 .with_context(|| format!("preparing {}{share}", task.input.display()))
-        });
-        match &outcome {
-            Ok(report) => terminal.done(&task.input, &task.output, report),
-            Err(error) => terminal.error(Some(&task.input), error),
-        }
-        outcome
+        })
+    };
+    let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
+        Ok(report) => terminal.done(&task.input, &task.output, report),
+        Err(error) => terminal.error(Some(&task.input), error),
     });
     conclude(args, &tasks, &outcomes, terminal)
 }
