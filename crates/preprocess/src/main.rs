@@ -19,7 +19,7 @@ fn main() -> ExitCode {
         std::process::exit(130);
     });
     match cli::run(&cli::args::Cli::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => {
             // The alternate form is the whole chain of causes.
             eprintln!("voxrole: {error:#}");

@@ -21,7 +21,7 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Compute the voxel roles of a volume and pack them into a file.
+    /// Compute the voxel roles of volumes and pack each into a file.
     Prepare(PrepareArgs),
     /// Say what a packed file holds.
     Info(InfoArgs),
@@ -49,10 +49,12 @@ pub struct FileArgs {
 /// `prepare`.
 #[derive(Debug, Args)]
 pub struct PrepareArgs {
-    /// Volume: NRRD, MetaImage, NIfTI-1, or headerless with --dims and --dtype.
-    pub input: PathBuf,
-    /// Packed file to write.
-    #[arg(short, long, value_name = "OUT.vxr")]
+    /// Volumes: NRRD, MetaImage, NIfTI-1, or headerless with --dims and --dtype, which then hold for all.
+    #[arg(value_name = "VOLUME", required = true)]
+    pub inputs: Vec<PathBuf>,
+    /// Packed file to write; with several volumes a folder, made if there is none, for files named after them: a.nrrd and
+    /// b.nii.gz become a.vxr and b.vxr. A folder that exists will do for one volume too.
+    #[arg(short, long, value_name = "OUT.vxr|FOLDER")]
     pub output: PathBuf,
     /// Rule set that the other defaults come from.
     #[arg(long, value_enum, default_value = "auto")]
@@ -110,13 +112,20 @@ pub struct PrepareArgs {
     /// Threads to use [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub threads: Option<u16>,
-    /// Memory to use at most, such as 900MiB or 8GiB; a volume that does not fit is prepared block by block [default: half
-    /// of the machine's].
+    /// Volumes to prepare at a time, on the same threads; the seconds of one may then include work on others.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
+    /// Memory to use at most, such as 900MiB or 8GiB, divided among the jobs; a volume that does not fit is prepared block
+    /// by block [default: half of the machine's].
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// Write seconds and counts of the run as JSON.
+    /// Write seconds and counts of the run as JSON: an object, or with several volumes an array of one object each, which
+    /// is {"input", "error"} where a volume failed.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// How to tell on standard error how far it is [default: bar on a terminal, else lines].
+    #[arg(long, value_enum)]
+    pub progress: Option<ProgressArg>,
     /// Layout of a headerless input.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -391,6 +400,19 @@ pub enum EdgeArg {
     Plus,
 }
 
+/// `--progress`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ProgressArg {
+    /// A bar for each volume in work, with an estimate of the time left.
+    Bar,
+    /// A line for each stage.
+    Lines,
+    /// One JSON object a line. "event" is begin (of a "stage" of so many "steps"), step ("done" of "steps", at most two a
+    /// second and the last), done ("seconds", "output", "bytes"), warning or error ("message"), each with "input"; and
+    /// with several volumes a last summary ("succeeded", "failed").
+    Json,
+}
+
 /// `--keep`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum KeepArg {
@@ -504,6 +526,7 @@ mod tests {
             "voxrole prepare in.nrrd -o out.vxr --method paper --smooth bilateral-derivatives --spatial-sigma 1 \
              --range-sigma 0.1 --bilateral exact --radius 2 --climb literal --step 0.2 --dmax 15 --keep derivatives \
              --no-skip --threads 2 --report r.json",
+            "voxrole prepare a.nrrd b.nii.gz c.mha -o folder --jobs 2 --memory 4GiB --progress json",
             "voxrole prepare in.raw -o out.vxr --dims 2,3,4 --dtype u16be --spacing 1,1,2 --skip-bytes 8",
             "voxrole histogram f.vxr --kind v-g -o o.png",
             "voxrole histogram f.vxr --kind v-f2 -o o.png",

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::Context;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use voxrole_pack::atomic_file;
 use voxrole_preprocess::accuracy::{Drawing, Extent, Row, csv, drawings, measure, methods, suite, text_table};
@@ -99,16 +99,6 @@ fn measure_all(args: &AccuracyArgs) -> anyhow::Result<Vec<Row>> {
 
 /// Makes the folder, and checks before any work is done that files can be written into it.
 fn prepare_folder(folder: &Path, table: &str) -> anyhow::Result<()> {
-    let named = || folder.display().to_string();
-    if folder.exists() {
-        ensure!(folder.is_dir(), "{}: a file is in the way of the folder to write into", named());
-    } else if let Err(error) = fs::create_dir(folder) {
-        match folder.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
-                bail!("{}: there is no folder {} to make it in", named(), parent.display())
-            }
-            _ => return Err(error).with_context(|| format!("making the folder {}", named())),
-        }
-    }
-    atomic_file::check_output(&folder.join(table), &[]).with_context(named)
+    super::make_folder(folder)?;
+    atomic_file::check_output(&folder.join(table), &[]).with_context(|| folder.display().to_string())
 }

@@ -10,7 +10,7 @@ use voxrole_preprocess::io::nrrd_writer::{write_f32, write_vectors};
 use super::args::{ExportArgs, ExportField};
 
 pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
-    super::check_output(&args.output, &args.file, Some("nrrd"))?;
+    super::check_output(&args.output, &[&args.file], Some("nrrd"))?;
     let reader = super::open(&args.file)?;
     let geometry = &reader.header().geometry;
     let named = || args.file.display().to_string();

@@ -12,7 +12,7 @@ pub fn run(args: &HistogramArgs) -> anyhow::Result<()> {
         "csv" => false,
         _ => bail!("{}: name a picture (.png) or a table (.csv)", args.output.display()),
     };
-    super::check_output(&args.output, &args.file, None)?;
+    super::check_output(&args.output, &[&args.file], None)?;
     let reader = super::open(&args.file)?;
     let named = || args.file.display().to_string();
     let histogram = reader.read_histogram(args.kind.into()).with_context(named)?;

@@ -1,29 +1,32 @@
 //! The `voxrole` program: what was typed, checked, and run.
 
 pub mod args;
+mod batch;
 mod bench;
 mod export;
 mod histogram;
 mod info;
 mod phantom;
 mod prepare;
+mod progress_lines;
 mod slice;
 mod terminal;
 
 use std::io::Write;
 use std::path::Path;
+use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, bail, ensure};
 use args::Command;
 use voxrole_pack::{Reader, atomic_file};
 
-/// Runs a command.
+/// Runs a command; a failure that was already told is in the exit code only.
 ///
 /// # Errors
 /// Whatever stopped it; messages name the file.
-pub fn run(command: &Command) -> anyhow::Result<()> {
+pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Prepare(args) => prepare::run(args),
+        Command::Prepare(args) => return prepare::run(args),
         Command::Info(args) => info::run(args),
         Command::Verify(args) => info::verify(args),
         Command::Export(args) => export::run(args),
@@ -32,21 +35,38 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
         Command::Phantom(args) => phantom::run(args),
         Command::Bench(args) => bench::run(&args.command),
     }
+    .map(|()| ExitCode::SUCCESS)
 }
 
 fn open(path: &Path) -> anyhow::Result<Reader> {
     Reader::open(path).with_context(|| path.display().to_string())
 }
 
-/// Checks before any work is done that an output can be written, is not the input, and is named as what it will be.
-fn check_output(output: &Path, input: &Path, extension: Option<&str>) -> anyhow::Result<()> {
+/// Checks before any work is done that an output can be written, is none of the inputs, and is named as what it will be.
+fn check_output(output: &Path, inputs: &[&Path], extension: Option<&str>) -> anyhow::Result<()> {
     let named = || output.display().to_string();
     if let Some(extension) = extension
         && !output.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
     {
-        anyhow::bail!("{}: what is written is {extension}; name it so", named());
+        bail!("{}: what is written is {extension}; name it so", named());
     }
-    atomic_file::check_output(output, &[input]).with_context(named)
+    atomic_file::check_output(output, inputs).with_context(named)
+}
+
+/// Makes a folder to write into, unless there is one; returns whether it was made.
+fn make_folder(folder: &Path) -> anyhow::Result<bool> {
+    let named = || folder.display().to_string();
+    if folder.exists() {
+        ensure!(folder.is_dir(), "{}: a file is in the way of the folder to write into", named());
+        return Ok(false);
+    }
+    match (std::fs::create_dir(folder), folder.parent()) {
+        (Ok(()), _) => Ok(true),
+        (Err(_), Some(parent)) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
+            bail!("{}: there is no folder {} to make it in", named(), parent.display())
+        }
+        (Err(error), _) => Err(error).with_context(|| format!("making the folder {}", named())),
+    }
 }
 
 /// Prints, and takes it quietly when nobody reads on.

@@ -1,7 +1,9 @@
 //! `voxrole prepare`.
 
-use anyhow::{Context, bail, ensure};
-use rayon::ThreadPoolBuilder;
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use sysinfo::System;
 use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
@@ -12,39 +14,84 @@ use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
 
 use super::args::{BilateralArg, ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
-use super::terminal::TerminalProgress;
+use super::batch::{self, Outcome, Task};
+use super::terminal::Terminal;
 
-pub fn run(args: &PrepareArgs) -> anyhow::Result<()> {
+/// Prepares the volumes; those that fail are told of at once and in the exit code.
+///
+/// # Errors
+/// When the command is refused, or the report cannot be written; with `--progress json` that is told as an event instead.
+pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
+    let terminal = Terminal::new(args.progress, args.inputs.len() > 1);
+    match check_and_run(args, &terminal) {
+        Err(error) if terminal.is_json() => {
+            terminal.error(None, &error);
+            Ok(ExitCode::FAILURE)
+        }
+        other => other,
+    }
+}
+
+fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<ExitCode> {
     let settings = settings(args);
     settings.validate()?;
     check_filter_options(args, &settings.smoothing)?;
-    super::check_output(&args.output, &args.input, None)?;
-    if let Some(report) = &args.report {
-        super::check_output(report, &args.input, None)?;
-        ensure!(report != &args.output, "{}: two outputs cannot be one file", report.display());
-    }
-    let mut pool = ThreadPoolBuilder::new();
-    if let Some(threads) = args.threads {
-        pool = pool.num_threads(threads.into());
-    }
-    let report = pool.build().context("starting threads")?.install(|| read_and_prepare(args, &settings))?;
-    summarise(&report, args);
-    if let Some(warning) = &report.warning {
-        eprintln!("voxrole: warning: {warning}");
-    }
-    if let Some(path) = &args.report {
-        super::write(path, &serde_json::to_vec_pretty(&report)?)?;
-    }
-    Ok(())
+    let tasks = batch::tasks(&args.inputs, &args.output)?;
+    let into_folder = tasks.iter().any(|task| task.output != args.output);
+    batch::check_outputs(&tasks, into_folder.then_some(args.output.as_path()), args.report.as_deref())?;
+    let (pool, jobs) = pool(args, tasks.len())?;
+    let memory = args.memory.map_or_else(half_of_memory, Ok)? / jobs as u64;
+    // Says why an error speaks of less memory than was given.
+    let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
+    let work = |task: &Task| {
+        pool.install(|| {
+            let progress = terminal.progress(&task.input);
+            let file = open_volume(&task.input, args.raw.layout().as_ref())?;
+            prepare_file(file, &settings, memory, &task.output, &*progress)
+                .with_context(|| format!("preparing {}{share}", task.input.display()))
+        })
+    };
+    let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
+        Ok(report) => terminal.done(&task.input, &task.output, report),
+        Err(error) => terminal.error(Some(&task.input), error),
+    });
+    conclude(args, &tasks, &outcomes, terminal)
 }
 
-fn read_and_prepare(args: &PrepareArgs, settings: &Settings) -> anyhow::Result<Report> {
-    let progress = TerminalProgress::new();
-    let file = open_volume(&args.input, args.raw.layout().as_ref())?;
-    let memory = args.memory.map_or_else(half_of_memory, Ok)?;
-    let result = prepare_file(file, settings, memory, &args.output, &progress);
-    progress.finish();
-    result.with_context(|| format!("preparing {}", args.input.display()))
+/// The threads, and how many volumes they prepare at a time.
+fn pool(args: &PrepareArgs, volumes: usize) -> anyhow::Result<(ThreadPool, usize)> {
+    let jobs = usize::from(args.jobs).min(volumes);
+    // A thread that waits for others may begin another volume on top of what it waits for.
+    let pool = ThreadPoolBuilder::new().stack_size(jobs * STACK_BYTES);
+    let pool = pool.num_threads(args.threads.map_or(0, usize::from)).build().context("starting threads")?;
+    let jobs = jobs.min(pool.current_num_threads());
+    Ok((pool, jobs))
+}
+
+/// Stack of a thread for each volume that may be on it.
+const STACK_BYTES: usize = 2 << 20;
+
+/// Says what came of all, and writes the report.
+fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
+    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+    let report = match (tasks, outcomes) {
+        ([_], [Err(_)]) => None,
+        ([task], [Ok(report)]) => {
+            summarise(report, task);
+            Some(serde_json::to_vec_pretty(report)?)
+        }
+        _ => {
+            super::print(&batch::table(tasks, outcomes))?;
+            Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)
+        }
+    };
+    if let Some((path, report)) = args.report.as_ref().zip(report) {
+        super::write(path, &report)?;
+    }
+    if tasks.len() > 1 {
+        terminal.summary(tasks.len() - failed, failed);
+    }
+    Ok(if failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Half of the memory that this machine, or the container that this runs in, has.
@@ -132,7 +179,7 @@ fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> an
     }
 }
 
-fn summarise(report: &Report, args: &PrepareArgs) {
+fn summarise(report: &Report, task: &Task) {
     let counts = &report.counts;
     let share = |part: u64| 100.0 * part as f64 / counts.voxels as f64;
     let [x, y, z] = report.dims;
@@ -153,7 +200,7 @@ fn summarise(report: &Report, args: &PrepareArgs) {
     );
     println!(
         "  {}: {} bytes, {:.2} per voxel",
-        args.output.display(),
+        task.output.display(),
         report.file_bytes,
         report.file_bytes as f64 / counts.voxels as f64
     );

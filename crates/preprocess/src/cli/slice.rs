@@ -7,7 +7,7 @@ use voxrole_preprocess::plot::{SliceAxis, SliceShading, slice_png};
 use super::args::{AxisArg, SliceArgs, SliceField};
 
 pub fn run(args: &SliceArgs) -> anyhow::Result<()> {
-    super::check_output(&args.output, &args.file, Some("png"))?;
+    super::check_output(&args.output, &[&args.file], Some("png"))?;
     let reader = super::open(&args.file)?;
     let named = || args.file.display().to_string();
     let field = match args.field {

@@ -1,54 +1,127 @@
-//! Progress on the terminal: a bar with an estimate of the time left, or plain lines where there is no terminal.
+//! What is said on standard error while volumes are prepared: bars with an estimate of the time left, lines, or JSON.
 
 use std::io::IsTerminal;
-use std::sync::Mutex;
+use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use voxrole_preprocess::progress::Progress;
+use voxrole_preprocess::report::Report;
 
-/// Shows progress on standard error.
-pub struct TerminalProgress {
-    bar: Mutex<Option<ProgressBar>>,
-    is_terminal: bool,
+use super::args::ProgressArg;
+use super::progress_lines::{Event, JsonLines, TextLines};
+
+/// Tells of the inputs of one command.
+pub struct Terminal {
+    form: Form,
+    /// Whether there are several inputs, so that each line has to say which.
+    names_inputs: bool,
 }
 
-impl TerminalProgress {
-    /// Looks whether standard error is a terminal.
-    pub fn new() -> Self {
-        Self { bar: Mutex::new(None), is_terminal: std::io::stderr().is_terminal() }
+enum Form {
+    Bars(MultiProgress),
+    Lines,
+    Json,
+}
+
+impl Terminal {
+    /// In the form that was asked for; else bars on a terminal and lines elsewhere.
+    pub fn new(form: Option<ProgressArg>, names_inputs: bool) -> Self {
+        let form = match form {
+            Some(ProgressArg::Json) => Form::Json,
+            Some(ProgressArg::Lines) => Form::Lines,
+            None if !std::io::stderr().is_terminal() => Form::Lines,
+            Some(ProgressArg::Bar) | None => Form::Bars(MultiProgress::new()),
+        };
+        Self { form, names_inputs }
     }
 
-    /// Takes the bar away.
-    pub fn finish(&self) {
-        if let Some(bar) = self.lock().take() {
-            bar.finish_and_clear();
+    /// Whether every line is a JSON object.
+    pub fn is_json(&self) -> bool {
+        matches!(self.form, Form::Json)
+    }
+
+    /// What shows the stages of one input, until it is dropped.
+    pub fn progress(&self, input: &Path) -> Box<dyn Progress> {
+        match &self.form {
+            Form::Bars(bars) => Box::new(Bar::new(bars, &self.prefix(input))),
+            Form::Lines => Box::new(TextLines { prefix: self.prefix(input) }),
+            Form::Json => Box::new(JsonLines::new(input.to_string_lossy().into_owned())),
         }
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
-        // A panic elsewhere leaves a bar that can still be drawn.
-        self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    /// An input is prepared.
+    pub fn done(&self, input: &Path, output: &Path, report: &Report) {
+        let (name, output) = (input.to_string_lossy(), output.to_string_lossy());
+        if let Some(message) = &report.warning {
+            self.say(&Event::Warning { input: &name, message }, || {
+                format!("voxrole: warning: {}{message}", self.prefix(input))
+            });
+        }
+        let (seconds, bytes) = (report.seconds, report.file_bytes);
+        match &self.form {
+            Form::Json => Event::Done { input: &name, seconds, output: &output, bytes }.write(),
+            Form::Lines if self.names_inputs => eprintln!("voxrole: {}done in {seconds:.2} s", self.prefix(input)),
+            Form::Lines | Form::Bars(_) => {}
+        }
+    }
+
+    /// An input failed; without one, the command did.
+    pub fn error(&self, input: Option<&Path>, error: &anyhow::Error) {
+        // The alternate form is the whole chain of causes.
+        let message = format!("{error:#}");
+        let input = input.map(Path::to_string_lossy);
+        self.say(&Event::Error { input: input.as_deref(), message: &message }, || format!("voxrole: {message}"));
+    }
+
+    /// All of several inputs are done with.
+    pub fn summary(&self, succeeded: usize, failed: usize) {
+        if self.is_json() {
+            Event::Summary { succeeded, failed }.write();
+        }
+    }
+
+    fn say(&self, event: &Event<'_>, text: impl FnOnce() -> String) {
+        match &self.form {
+            Form::Bars(bars) => bars.suspend(|| eprintln!("{}", text())),
+            Form::Lines => eprintln!("{}", text()),
+            Form::Json => event.write(),
+        }
+    }
+
+    fn prefix(&self, input: &Path) -> String {
+        let name = input.file_name().unwrap_or_default().to_string_lossy();
+        if self.names_inputs { format!("{name}: ") } else { String::new() }
     }
 }
 
-impl Progress for TerminalProgress {
-    fn begin(&self, stage: &'static str, steps: u64) {
-        self.finish();
-        if !self.is_terminal {
-            eprintln!("voxrole: {stage}");
-            return;
-        }
-        let bar = ProgressBar::new(steps).with_message(stage);
-        let template = "{msg:>26} [{bar:30}] {pos}/{len}, {elapsed} so far, {eta} left";
+/// The bar of one input, which shows its current stage.
+struct Bar(ProgressBar);
+
+impl Bar {
+    fn new(bars: &MultiProgress, prefix: &str) -> Self {
+        let bar = bars.add(ProgressBar::new(1).with_prefix(prefix.to_owned()));
+        let template = "{prefix}{msg:>26} [{bar:30}] {pos}/{len}, {elapsed} so far, {eta} left";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
-        *self.lock() = Some(bar);
+        Self(bar)
+    }
+}
+
+impl Progress for Bar {
+    fn begin(&self, stage: &'static str, steps: u64) {
+        self.0.reset();
+        self.0.set_length(steps);
+        self.0.set_message(stage);
     }
 
     fn step(&self) {
-        if let Some(bar) = &*self.lock() {
-            bar.inc(1);
-        }
+        self.0.inc(1);
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
     }
 }

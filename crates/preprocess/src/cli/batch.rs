@@ -1,0 +1,215 @@
+//! Several volumes prepared by one command: what each is written to, who works on it, and what came of all.
+
+use std::ffi::OsString;
+use std::fmt::Write;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, anyhow, bail, ensure};
+use serde::Serialize;
+use voxrole_preprocess::report::Report;
+
+/// One volume and the packed file that it becomes.
+#[derive(Debug)]
+pub struct Task {
+    pub input: PathBuf,
+    pub output: PathBuf,
+}
+
+/// The tasks of `-o output`: one file, or a folder with a file for each input.
+///
+/// # Errors
+/// When an input has no name, or two would be written to the same file.
+pub fn tasks(inputs: &[PathBuf], output: &Path) -> anyhow::Result<Vec<Task>> {
+    if let [input] = inputs
+        && !names_folder(output)
+    {
+        return Ok(vec![Task { input: input.clone(), output: output.to_owned() }]);
+    }
+    let mut tasks: Vec<Task> = Vec::with_capacity(inputs.len());
+    for input in inputs {
+        let name = packed_name(input).with_context(|| format!("{}: not the name of a file", input.display()))?;
+        let output = output.join(name);
+        if let Some(other) = tasks.iter().find(|task| is_same_name(&task.output, &output)) {
+            let (a, b) = (other.input.display(), input.display());
+            bail!("{a} and {b} would both be written to {}: rename one", output.display());
+        }
+        tasks.push(Task { input: input.clone(), output });
+    }
+    Ok(tasks)
+}
+
+/// Whether one input with this output is written into a folder.
+fn names_folder(output: &Path) -> bool {
+    output.is_dir() || output.to_string_lossy().ends_with(std::path::is_separator)
+}
+
+/// `engine.nrrd` becomes `engine.vxr`, and so does `engine.nii.gz`.
+fn packed_name(input: &Path) -> Option<OsString> {
+    let mut stem = Path::new(input.file_name()?).with_extension("");
+    let had = |path: &Path, name: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(name));
+    if had(input, "gz") && had(&stem, "nii") {
+        stem.set_extension("");
+    }
+    let mut name = stem.into_os_string();
+    name.push(".vxr");
+    Some(name)
+}
+
+fn is_same_name(a: &Path, b: &Path) -> bool {
+    // There, file systems do not tell capital letters from small ones.
+    let ignores_case = cfg!(any(windows, target_os = "macos"));
+    a == b || (ignores_case && a.to_string_lossy().to_lowercase() == b.to_string_lossy().to_lowercase())
+}
+
+/// Checks, before any work is done, that all outputs can be written and none is an input; makes the folder, which is left
+/// only if everything is in order.
+///
+/// # Errors
+/// The first output that cannot be written.
+pub fn check_outputs(tasks: &[Task], folder: Option<&Path>, report: Option<&Path>) -> anyhow::Result<()> {
+    let is_made = folder.map_or(Ok(false), super::make_folder)?;
+    let checked = check_each(tasks, report);
+    if let (Err(_), true, Some(folder)) = (&checked, is_made, folder) {
+        // Whoever cannot remove it can do nothing more about it.
+        let _ = fs::remove_dir(folder);
+    }
+    checked
+}
+
+fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
+    let inputs: Vec<&Path> = tasks.iter().map(|task| task.input.as_path()).collect();
+    for output in tasks.iter().map(|task| task.output.as_path()).chain(report) {
+        super::check_output(output, &inputs, None)?;
+    }
+    if let Some(report) = report {
+        let is_taken = tasks.iter().any(|task| is_same_name(&task.output, report));
+        ensure!(!is_taken, "{}: two outputs cannot be one file", report.display());
+    }
+    Ok(())
+}
+
+/// What came of a task.
+pub type Outcome = anyhow::Result<Report>;
+
+/// Runs `work` on every task, `jobs` at a time, and tells each outcome at once; they are returned in the order of the tasks.
+/// A panic is the failure of its task.
+pub fn run(
+    tasks: &[Task],
+    jobs: usize,
+    work: impl Fn(&Task) -> Outcome + Sync,
+    tell: impl Fn(&Task, &Outcome) + Sync,
+) -> Vec<Outcome> {
+    let next = AtomicUsize::new(0);
+    let take_turns = || {
+        let mut outcomes = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(task) = tasks.get(index) else { return outcomes };
+            // What a panic leaves half done belongs to its own task.
+            let outcome = catch_unwind(AssertUnwindSafe(|| work(task))).unwrap_or_else(|_| {
+                Err(anyhow!("{}: a fault of this program; please report it", task.input.display()))
+            });
+            tell(task, &outcome);
+            outcomes.push((index, outcome));
+        }
+    };
+    let mut outcomes = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(take_turns)).collect();
+        let joined = workers.into_iter().map(std::thread::ScopedJoinHandle::join);
+        joined.flat_map(|joined| joined.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect::<Vec<_>>()
+    });
+    outcomes.sort_by_key(|(index, _)| *index);
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+/// A line for each task, and one for all.
+pub fn table(tasks: &[Task], outcomes: &[Outcome]) -> String {
+    let names: Vec<_> = tasks.iter().map(|task| one_line(&file_name(&task.input))).collect();
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("volume".len());
+    let mut text =
+        format!("{:width$}  {:>12}  {:>6}  {:>9}  {:>12}\n", "volume", "voxels", "hits %", "seconds", "bytes");
+    for (name, outcome) in names.iter().zip(outcomes) {
+        // Writing to a string does not fail.
+        let _ = match outcome {
+            Ok(Report { counts, seconds, file_bytes, .. }) => {
+                let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
+                let voxels = counts.voxels;
+                writeln!(text, "{name:width$}  {voxels:>12}  {share:>6.1}  {seconds:>9.2}  {file_bytes:>12}")
+            }
+            Err(error) => writeln!(text, "{name:width$}  error: {}", one_line(&format!("{error:#}"))),
+        };
+    }
+    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+    let _ = writeln!(text, "{} volumes: {} prepared, {failed} failed", tasks.len(), tasks.len() - failed);
+    text
+}
+
+/// One entry of the report on several inputs.
+#[derive(Serialize)]
+#[serde(untagged)]
+pub enum Entry<'a> {
+    Done(&'a Report),
+    Failed { input: String, error: String },
+}
+
+/// What `--report` writes of several inputs, in their order.
+pub fn entries<'a>(tasks: &[Task], outcomes: &'a [Outcome]) -> Vec<Entry<'a>> {
+    let entry = |(task, outcome): (&Task, &'a Outcome)| match outcome {
+        Ok(report) => Entry::Done(report),
+        Err(error) => Entry::Failed { input: file_name(&task.input), error: format!("{error:#}") },
+    };
+    tasks.iter().zip(outcomes).map(entry).collect()
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn one_line(text: &str) -> String {
+    text.replace(char::is_control, " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_are_named_after_inputs() {
+        for (input, name) in [
+            ("engine.nrrd", "engine.vxr"),
+            ("a/b/head.nii.gz", "head.vxr"),
+            ("HEAD.NII.GZ", "HEAD.vxr"),
+            ("ct.raw.gz", "ct.raw.vxr"),
+            ("scan.2.mha", "scan.2.vxr"),
+            ("plain", "plain.vxr"),
+        ] {
+            assert_eq!(packed_name(Path::new(input)), Some(name.into()), "{input}");
+        }
+        assert_eq!(packed_name(Path::new("..")), None);
+    }
+
+    #[test]
+    fn every_task_is_done_once_and_in_order() {
+        let inputs: Vec<PathBuf> = (0..20).map(|index| format!("{index}.nrrd").into()).collect();
+        let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
+        for jobs in [1, 3, 20] {
+            let told = AtomicUsize::new(0);
+            let work = |task: &Task| match task.input.to_str() {
+                Some("7.nrrd") => panic!("as a fault would"),
+                name => bail!("{}: bad", name.unwrap_or_default()),
+            };
+            let outcomes = run(&tasks, jobs, work, |_, _| _ = told.fetch_add(1, Ordering::Relaxed));
+            assert_eq!((outcomes.len(), told.into_inner()), (20, 20));
+            for (index, outcome) in outcomes.iter().enumerate() {
+                let said = outcome.as_ref().expect_err("all fail").to_string();
+                assert!(
+                    said.starts_with(&format!("{index}.nrrd: ")) && said.contains("fault") == (index == 7),
+                    "{said}"
+                );
+            }
+        }
+    }
+}
