@@ -35,6 +35,14 @@ pub struct Claim {
     is_idle: Option<atomic_file::Unfinished>,
 }
 
+/// Where what is done of an output is kept: its name with `.unfinished` behind it.
+#[must_use]
+pub fn path_of(output: &Path) -> PathBuf {
+    let mut name = output.file_name().unwrap_or_default().to_owned();
+    name.push(".unfinished");
+    output.with_file_name(name)
+}
+
 /// Files from which a run can go on.
 static KEPT: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
@@ -45,14 +53,12 @@ pub fn kept() -> Vec<PathBuf> {
 }
 
 impl Claim {
-    /// Claims `output` by a locked file of the same name with `.unfinished` behind it.
+    /// Claims `output` by a locked file at [`path_of`].
     ///
     /// # Errors
     /// [`Error::Parameter`] when another run has claimed it, [`Error::Io`] when the file cannot be made.
     pub fn new(output: &Path) -> Result<Self> {
-        let mut name = output.file_name().unwrap_or_default().to_owned();
-        name.push(".unfinished");
-        let path = output.with_file_name(name);
+        let path = path_of(output);
         let io = || Error::io(format!("claiming {}", path.display()));
         loop {
             let mut options = OpenOptions::new();

@@ -1,11 +1,11 @@
 //! The bilateral filter over a cut neighbourhood.
 //!
-//! A volume is cut into boxes, which are copied with their surroundings ([`padded_box`]), so that no inner loop knows a
+//! A volume is cut into boxes, which are copied with their surroundings (`padded_box`), so that no inner loop knows a
 //! border, and filtered in whichever way takes less time:
 //!
-//! - neighbour by neighbour ([`row`]), with fast weights at 16 floating-point operations for each: 1,984 for each voxel with
+//! - neighbour by neighbour (`row`), with fast weights at 16 floating-point operations for each: 1,984 for each voxel with
 //!   radius 2, 5,472 with radius 3;
-//! - with fast weights, where values differ by some σr only, by moments ([`moments`]): with radius 3, some 60 operations for
+//! - with fast weights, where values differ by some σr only, by moments (`moments`): with radius 3, some 60 operations for
 //!   each of 3 to 25 terms;
 //! - a box whose values are all the same is left as it is.
 //!

@@ -8,7 +8,7 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RangeWeights {
-    /// By a polynomial; what the filter's result then deviates by, [`deviation_bound`] says.
+    /// By a polynomial; what the filter's result then deviates by, `Bilateral::deviation_bound` says.
     #[default]
     Fast,
     /// By the exponential, right to 1e-6 where v is below 7.

@@ -1,10 +1,13 @@
 //! `voxrole prepare`.
 
+use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use sysinfo::System;
+use voxrole_pack::unfinished;
+use voxrole_preprocess::Error;
 use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
 use voxrole_preprocess::io::open_volume;
@@ -47,8 +50,9 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
         pool.install(|| {
             let progress = terminal.progress(&task.input);
             let file = open_volume(&task.input, args.raw.layout().as_ref())?;
-            prepare_file(file, &settings, memory, &task.output, &*progress)
-                .with_context(|| format!("preparing {}{share}", task.input.display()))
+            let report = prepare_file(file, &settings, memory, &task.output, &*progress);
+            let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
+            report.map_err(|error| with_way_on(error, &task.output))
         })
     };
     let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
@@ -56,6 +60,17 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
         Err(error) => terminal.error(Some(&task.input), error),
     });
     conclude(args, &tasks, &outcomes, terminal)
+}
+
+/// Says how to go on after an error that may go away, such as that of a full disk.
+fn with_way_on(error: anyhow::Error, output: &Path) -> anyhow::Error {
+    let unfinished = unfinished::path_of(output);
+    let may_go_away =
+        matches!(error.downcast_ref(), Some(Error::Io { .. } | Error::Pack(voxrole_pack::Error::Io { .. })));
+    if !may_go_away || !unfinished.exists() {
+        return error;
+    }
+    anyhow!("{error:#}; what is done is kept in {}: the same command goes on from there", unfinished.display())
 }
 
 /// The threads, and how many volumes they prepare at a time.
@@ -184,6 +199,9 @@ fn summarise(report: &Report, task: &Task) {
     let share = |part: u64| 100.0 * part as f64 / counts.voxels as f64;
     let [x, y, z] = report.dims;
     println!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads);
+    if report.blocks > 1 {
+        println!("  {} blocks, {} of them finished by an earlier run", report.blocks, report.blocks_before);
+    }
     if let Some(choice) = &report.choice {
         println!("  {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason);
     }
