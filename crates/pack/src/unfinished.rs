@@ -5,10 +5,12 @@
 //! then the block's bricks and numbers. Every byte is under a checksum, so that a record is whole or none: what a run that
 //! was killed left behind the last whole one is cut off. The file is locked as long as a run uses it.
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
@@ -142,9 +144,13 @@ pub struct Unfinished {
     claim: Claim,
     file: Mutex<File>,
     position: u64,
-    records: Vec<Record>,
+    records: BTreeMap<u32, Record>,
     packer: PackerDebug,
+    synced: Instant,
 }
+
+/// How much work a power cut may cost, beside the block at hand.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// A block's table; offsets are from the start of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -182,18 +188,19 @@ impl Unfinished {
                 file.seek(SeekFrom::Start(0)).map_err(io("clearing"))?;
                 let head = Head { task, input, findings: findings.to_vec() }.to_bytes();
                 file.write_all(&head).map_err(io("writing"))?;
-                (Vec::new(), head.len() as u64)
+                (BTreeMap::new(), head.len() as u64)
             }
         };
         file.set_len(position).map_err(io("clearing"))?;
         claim.keep(!records.is_empty());
-        Ok(Self { claim, file: Mutex::new(file), position, records, packer: PackerDebug(Packer::new()?) })
+        let packer = PackerDebug(Packer::new()?);
+        Ok(Self { claim, file: Mutex::new(file), position, records, packer, synced: Instant::now() })
     }
 
     /// Whether a block is finished.
     #[must_use]
     pub fn has(&self, block: usize) -> bool {
-        self.records.iter().any(|record| record.block as usize == block)
+        u32::try_from(block).is_ok_and(|block| self.records.contains_key(&block))
     }
 
     /// Number of finished blocks.
@@ -208,7 +215,7 @@ impl Unfinished {
         self.records.is_empty()
     }
 
-    /// Adds a finished block, and waits until the disk has it.
+    /// Adds a finished block; about once a second it waits until the disk has what was added.
     ///
     /// # Errors
     /// [`Error::Io`]; what was added before is still there.
@@ -253,10 +260,13 @@ impl Unfinished {
         let file = self.file.get_mut().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(self.position))
             .and_then(|_| file.write_all(&bytes))
-            .and_then(|()| file.sync_data())
             .map_err(Error::io(format!("writing {}", self.claim.path.display())))?;
+        if self.synced.elapsed() >= SYNC_INTERVAL {
+            file.sync_data().map_err(Error::io(format!("writing {}", self.claim.path.display())))?;
+            self.synced = Instant::now();
+        }
         self.position = offset;
-        self.records.push(record);
+        self.records.insert(record.block, record);
         self.claim.keep(true);
         Ok(())
     }
@@ -288,9 +298,9 @@ impl Unfinished {
     }
 
     fn record(&self, block: usize) -> Result<&Record> {
-        self.records
-            .iter()
-            .find(|record| record.block as usize == block)
+        u32::try_from(block)
+            .ok()
+            .and_then(|block| self.records.get(&block))
             .ok_or_else(|| Error::Parameter(format!("{}: block {block} is not finished", self.claim.path.display())))
     }
 
@@ -348,13 +358,13 @@ fn read_head(file: &mut File, length: u64) -> std::io::Result<Option<Head>> {
 }
 
 /// All whole records of a task and the position behind them; none where the file is another task's.
-fn read_records(file: &mut File, task: [u8; 32]) -> std::io::Result<Option<(Vec<Record>, u64)>> {
+fn read_records(file: &mut File, task: [u8; 32]) -> std::io::Result<Option<(BTreeMap<u32, Record>, u64)>> {
     let length = file.metadata()?.len();
     let Some(head) = read_head(file, length)?.filter(|head| head.task == task) else { return Ok(None) };
-    let (mut records, mut position) = (Vec::new(), (HEAD_BYTES + 8 * head.findings.len()) as u64);
+    let (mut records, mut position) = (BTreeMap::new(), (HEAD_BYTES + 8 * head.findings.len()) as u64);
     let mut reader = BufReader::with_capacity(1 << 20, file);
     while let Some((record, end)) = read_record(&mut reader, position, length)? {
-        records.push(record);
+        records.insert(record.block, record);
         position = end;
     }
     Ok(Some((records, position)))

@@ -283,8 +283,16 @@ impl Tally {
     pub fn to_numbers(&self) -> Vec<u64> {
         let largest =
             [self.gradient.largest, self.second_derivative.largest].map(|largest| u64::from(largest.to_bits()));
-        let tables = self.tables.iter().flat_map(|table| table.counts.iter().copied());
-        largest.into_iter().chain(tables).collect()
+        let mut numbers = Vec::from(largest);
+        for table in &self.tables {
+            // Most bins of a small part are empty: only the others are kept, each behind its place.
+            let counted = table.counts.iter().zip(0..).filter(|(count, _)| **count > 0);
+            let start = numbers.len();
+            numbers.push(0);
+            numbers.extend(counted.flat_map(|(&count, place)| [place, count]));
+            numbers[start] = (numbers.len() - start - 1) as u64;
+        }
+        numbers
     }
 
     /// What [`Self::to_numbers`] made numbers of; `None` where those are others.
@@ -296,8 +304,11 @@ impl Tally {
         tally.second_derivative.largest = f32::from_bits(*second_derivative as u32);
         let mut rest = counts;
         for table in &mut tally.tables {
-            let (own, others) = rest.split_at_checked(table.counts.len())?;
-            table.counts.copy_from_slice(own);
+            let (&len, behind) = rest.split_first()?;
+            let (own, others) = behind.split_at_checked(usize::try_from(len).ok()?)?;
+            for &[place, count] in own.as_chunks().0 {
+                *table.counts.get_mut(usize::try_from(place).ok()?)? = count;
+            }
             rest = others;
         }
         rest.is_empty().then_some(tally)

@@ -32,7 +32,7 @@ const CHOICE_VOXELS: usize = 1 << 22;
 /// Voxels by which it is judged what smoothing left of the noise, and what range its derivatives have.
 const NOISE_VOXELS: usize = 1 << 20;
 /// Voxels of the slabs in which noise is estimated.
-const SLAB_VOXELS: usize = 1 << 23;
+const SLAB_VOXELS: usize = 1 << 22;
 
 /// Everything that the roles of a volume depend on beside its voxels nearby.
 pub struct Recipe<'a> {
@@ -119,39 +119,18 @@ impl<'a> Recipe<'a> {
             Some(choice)
         };
 
-        let kernel_sigma = if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None };
-        let sigmas: Vec<f32> = sigma_on_noise(&settings.smoothing).into_iter().collect();
-        let smoothed: Vec<f32> = sigmas.iter().copied().chain(kernel_sigma).collect();
-        let gain = NoiseGain::new(settings.kernel, &sigmas, scaling.spacing())?;
         let volume = Extent { dims, spacing: scaling.spacing() };
         let value_range = scan.range.map(|end| scaling.working(end));
         let mut range_sigmas = RangeSigmas::of_value(&settings.smoothing, volume, value_range);
-        let mut left = noise;
-        let filters_derivatives = settings.smoothing.placement == Smoothing::BilateralDerivatives;
-        if filters_derivatives || !smoothed.is_empty() {
-            let mut fields: Vec<WorkingField> = sample(NOISE_VOXELS)?.into_iter().map(Cow::into_owned).collect();
-            if filters_derivatives {
-                let mut ranges = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
-                for field in &fields {
-                    let (derivatives, _) = differentiate(&mut field.clone(), settings.kernel, settings.operator)?;
-                    for (sum, [low, high]) in ranges.iter_mut().zip(derivatives.ranges()) {
-                        *sum = [sum[0].min(low), sum[1].max(high)];
-                    }
-                }
-                range_sigmas = RangeSigmas::of_derivatives(&settings.smoothing, volume, ranges, noise, gain);
-            }
-            for field in &mut fields {
-                smooth_value(field, [0; 3], &settings.smoothing, &mut range_sigmas.clone());
-                if let Some(sigma) = kernel_sigma {
-                    field.values = gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing));
-                }
-            }
-            if !smoothed.is_empty() {
-                // What noise is left is seen best where it is left.
-                left = noise.max(smoothed_noise_sigma(&fields.iter().collect::<Vec<_>>(), &smoothed));
-            }
+        let left = if settings.smoothing.placement == Smoothing::None && kernel_sigma(&settings).is_none() {
+            noise
+        } else {
+            let fields = sample(NOISE_VOXELS)?.into_iter().map(Cow::into_owned).collect();
+            let left = try_smoothing(&settings, fields, volume, noise, &mut range_sigmas)?;
             watch.lap("noise left");
-        }
+            left
+        };
+        let sigmas: Vec<f32> = sigma_on_noise(&settings.smoothing).into_iter().collect();
         let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, scaling.spacing(), dims, left)?;
         let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
         Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, floor, whole })
@@ -242,6 +221,47 @@ impl<'a> Recipe<'a> {
             )
         })
     }
+}
+
+/// σ of the Gaussian that is part of the kernel, if there is one.
+fn kernel_sigma(settings: &Settings) -> Option<f32> {
+    if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None }
+}
+
+/// Smooths parts of a volume, to see what ranges its derivatives have, where those are filtered, and how much noise was there
+/// judging by what is left of it.
+fn try_smoothing(
+    settings: &Settings,
+    mut fields: Vec<WorkingField>,
+    volume: Extent,
+    noise: f32,
+    range_sigmas: &mut RangeSigmas,
+) -> Result<f32> {
+    let Settings { smoothing, kernel, operator, .. } = settings;
+    let sigmas: Vec<f32> = sigma_on_noise(smoothing).into_iter().collect();
+    if smoothing.placement == Smoothing::BilateralDerivatives {
+        let gain = NoiseGain::new(*kernel, &sigmas, volume.spacing)?;
+        let mut ranges = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+        for field in &fields {
+            let (derivatives, _) = differentiate(&mut field.clone(), *kernel, *operator)?;
+            for (sum, [low, high]) in ranges.iter_mut().zip(derivatives.ranges()) {
+                *sum = [sum[0].min(low), sum[1].max(high)];
+            }
+        }
+        *range_sigmas = RangeSigmas::of_derivatives(smoothing, volume, ranges, noise, gain);
+    }
+    let smoothed: Vec<f32> = sigmas.into_iter().chain(kernel_sigma(settings)).collect();
+    if smoothed.is_empty() {
+        return Ok(noise);
+    }
+    for field in &mut fields {
+        smooth_value(field, [0; 3], smoothing, &mut range_sigmas.clone());
+        if let Some(sigma) = kernel_sigma(settings) {
+            field.values = gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing));
+        }
+    }
+    // What noise is left is seen best where it is left.
+    Ok(noise.max(smoothed_noise_sigma(&fields.iter().collect::<Vec<_>>(), &smoothed)))
 }
 
 /// The cells whose lowest corner is in a region.

@@ -10,7 +10,7 @@ use crate::source::{Source, has_bad};
 use crate::{Error, Result};
 
 /// Bytes that are looked at together.
-const CHUNK_BYTES: usize = 1 << 25;
+const CHUNK_BYTES: usize = 1 << 24;
 /// Longest edge of the boxes that samples are taken from, in voxels.
 const BOX_EDGE: usize = 96;
 /// Boxes with less than this share of the strong ones' range are not looked at while there are others: air, and noise.

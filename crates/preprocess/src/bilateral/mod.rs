@@ -218,7 +218,8 @@ impl Bilateral {
         let Scratch { window, moments, shifts, row } = scratch;
         window.load(field, region, self.reach, self.scale);
         let [width, height, depth] = region.each_ref().map(Range::len);
-        let way = self.way(window.extremes());
+        let [low, high] = window.extremes();
+        let way = self.way([low, high]);
         if let Way::Moments(range) = &way {
             moments.load(window, depth, range, &self.spatial[2]);
         }
@@ -239,6 +240,10 @@ impl Bilateral {
                     (Way::Neighbours, Weights::Exact(weights)) => {
                         filter_row_exact(samples, start, shifts, weights, row)
                     }
+                }
+                if matches!((&way, &self.weights), (Way::Moments(_) | Way::Neighbours, Weights::Fast(_))) {
+                    // A mean lies between what it is a mean of; a sum of terms of both signs may round beyond that.
+                    row.iter_mut().for_each(|value| *value = value.max(low).min(high));
                 }
                 unscale(row, &samples[start..], 1.0 / self.scale);
                 write([region[1].start + y, region[2].start + z], &row[..width]);

@@ -158,6 +158,17 @@ proptest! {
 }
 
 #[test]
+fn means_lie_between_what_they_are_means_of() {
+    // As gradient magnitudes do, many values lie at the lower end, which is 0.
+    let field = noisy_ball([70, 40, 37]).mapv(|value| (value - 0.9).max(0.0));
+    for range_sigma in [0.001, 0.01, 0.1, 1.0] {
+        let highest = field.iter().copied().fold(0.0, f32::max);
+        let values = filtered(&field, settings(1.0, range_sigma, 2));
+        assert!(values.iter().all(|value| (0.0..=highest).contains(value)), "σr = {range_sigma}");
+    }
+}
+
+#[test]
 fn boxes_are_cut_where_the_volume_is() {
     assert_eq!(cuts(0, 20, 8), [0..8, 8..16, 16..20]);
     assert_eq!(cuts(13, 12, 8), [0..3, 3..11, 11..12]);
