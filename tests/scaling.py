@@ -6,7 +6,7 @@ Needs matplotlib for the plot, and a built `voxrole`:
     python3 tests/scaling.py target/release/voxrole OUT [--edges 128,256,512,1024] [--methods fast,accurate,auto]
         [--memory 1GiB] [--dtype u16] [--rounds 2]
 
-Writes OUT/scaling.csv and OUT/scaling.svg, and prints the table. Volumes are made in OUT and removed again: 2 GiB at 1024³ of u16.
+Writes OUT/scaling.csv and OUT/scaling.png, and prints the table. Volumes are made in OUT and removed again: 2 GiB at 1024³ of u16.
 The fastest of the rounds counts; peak memory is what the operating system says of the process.
 """
 
@@ -74,7 +74,7 @@ def main():
 def draw(rows, options):
     import matplotlib
 
-    matplotlib.use("svg")
+    matplotlib.use("agg")
     from matplotlib import pyplot
 
     figure, (times, memories) = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")
@@ -89,7 +89,7 @@ def draw(rows, options):
     times.legend()
     times.set_title("whole run, file to file")
     memories.set_title(f"--memory {options.memory}")
-    figure.savefig(options.out / "scaling.svg")
+    figure.savefig(options.out / "scaling.png", dpi=110)
 
 
 if __name__ == "__main__":
