@@ -129,12 +129,6 @@ impl BlockPlan {
         self.len() == 0
     }
 
-    /// Edges of a block that is not cut short by a face.
-    #[must_use]
-    pub fn block(&self) -> [usize; 3] {
-        self.block
-    }
-
     /// The voxels of a block; blocks are counted with x fastest.
     #[must_use]
     pub fn region(&self, block: usize) -> Region {

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::boundary::{Role, Tracer, Work};
 use crate::bspline::Evaluator;
-use crate::region::Region;
+use crate::region::{Region, lattice_stride};
 
 /// Voxels that are looked at, at most about this many: enough for a median.
 const MOST_VOXELS: usize = 200_000;
@@ -71,11 +71,7 @@ impl Edges {
     /// For parts of these dimensions, which are looked at together.
     #[must_use]
     pub fn among(parts: &[[usize; 3]]) -> Self {
-        let count = |stride: usize| {
-            parts.iter().map(|dims| dims.map(|dim| dim.div_ceil(stride)).iter().product::<usize>()).sum::<usize>()
-        };
-        let stride = (1..).find(|&stride| count(stride) <= MOST_VOXELS.max(parts.len())).unwrap_or(1);
-        Self { stride, found: Vec::new() }
+        Self { stride: lattice_stride(parts, MOST_VOXELS), found: Vec::new() }
     }
 
     /// Looks at the voxels of the lattice in `region` of a volume, whose voxels from `origin` on the tracer sees.

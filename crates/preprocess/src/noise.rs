@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::gaussian::{gaussian, radius_of};
-use crate::region::Region;
+use crate::region::{Region, lattice_stride};
 use crate::working_field::{Field, WorkingField, voxels};
 
 /// Residuals that are looked at: enough for the median to be right to 0.2 %.
@@ -32,7 +32,7 @@ pub fn noise_sigma_of_slabs(
     slices: usize,
     mut read: impl FnMut(&Region) -> Result<WorkingField>,
 ) -> Result<f32> {
-    let stride = lattice_stride(&[dims]);
+    let stride = lattice_stride(&[dims], MOST_RESIDUALS);
     let mut estimates = [1, WIDE].map(|spread| (Masks::new(dims, spread), Vec::new()));
     let reach = estimates.iter().map(|(masks, _)| masks.reach[2]).max().unwrap_or(0);
     for first in (0..dims[2]).step_by(slices.max(1)) {
@@ -96,7 +96,7 @@ fn squared_weights(masks: usize) -> f32 {
 /// without any other.
 fn residual_sigma(fields: &[&WorkingField], spread: usize) -> f32 {
     let dims: Vec<_> = fields.iter().map(|field| field.dims()).collect();
-    let stride = lattice_stride(&dims);
+    let stride = lattice_stride(&dims, MOST_RESIDUALS);
     let mut residuals = Vec::new();
     for (field, &dims) in fields.iter().zip(&dims) {
         let masks = Masks::new(dims, spread);
@@ -104,14 +104,6 @@ fn residual_sigma(fields: &[&WorkingField], spread: usize) -> f32 {
         masks.collect(field, 0, &slices, dims, stride, &mut residuals);
     }
     dims.first().map_or(0.0, |&dims| Masks::new(dims, spread).sigma(residuals))
-}
-
-/// Large volumes are looked at on a coarser lattice: every how many voxels along each axis.
-fn lattice_stride(parts: &[[usize; 3]]) -> usize {
-    let count = |stride: usize| {
-        parts.iter().map(|dims| dims.map(|dim| dim.div_ceil(stride)).iter().product::<usize>()).sum::<usize>()
-    };
-    (1..).find(|&stride| count(stride) <= MOST_RESIDUALS.max(parts.len())).unwrap_or(1)
 }
 
 /// The masks that leave noise alone.

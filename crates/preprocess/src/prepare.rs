@@ -169,7 +169,8 @@ struct Findings {
 impl Findings {
     fn new(numbers: &[u64], dims: [usize; 3]) -> Option<Self> {
         let (noise, scan) = numbers.split_first()?;
-        Some(Self { scan: Scan::from_numbers(scan, dims)?, noise: Some(f32::from_bits(*noise as u32)) })
+        let scan = Scan::from_numbers(scan, dims).filter(|scan| scan.voxels_sha256.is_some())?;
+        Some(Self { scan, noise: Some(f32::from_bits(*noise as u32)) })
     }
 
     fn to_numbers(&self) -> Vec<u64> {
@@ -195,7 +196,7 @@ fn in_blocks(
     progress: &dyn Progress,
     watch: &mut Stopwatch,
 ) -> Result<Outcome> {
-    let voxels_sha256 = recipe.scan.voxels_sha256.unwrap_or_default();
+    let voxels_sha256 = recipe.scan.voxels_sha256.expect("blocks are only made with the hash");
     let findings = Findings { scan: recipe.scan.clone(), noise: Some(recipe.noise) };
     let input = recipe.source.identity().unwrap_or_default();
     let task = task(recipe, plan, voxels_sha256);

@@ -70,6 +70,16 @@ impl Region {
     }
 }
 
+/// Every how many voxels along each axis to look at parts of these dimensions, so that no more than about `most` are looked
+/// at: one of each part at least.
+#[must_use]
+pub fn lattice_stride(parts: &[[usize; 3]], most: usize) -> usize {
+    let count = |stride: usize| {
+        parts.iter().map(|dims| dims.map(|dim| dim.div_ceil(stride)).iter().product::<usize>()).sum::<usize>()
+    };
+    (1..).find(|&stride| count(stride) <= most.max(parts.len())).unwrap_or(1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -141,7 +141,7 @@ fn box_ranges(scalars: &Scalars, dims: [usize; 3], region: Region) -> Vec<Vec<Op
             for (j, row) in slice.chunks_exact(nx).enumerate() {
                 for (i, sum) in ranges[box_of(j, ny) * across..][..across].iter_mut().enumerate() {
                     let part = &row[(i * nx).div_ceil(across)..((i + 1) * nx).div_ceil(across)];
-                    *sum = joined_as(*sum, range_within(part, T::LOWEST, T::HIGHEST));
+                    *sum = joined(*sum, range_within(part, T::LOWEST, T::HIGHEST));
                 }
             }
             ranges.into_iter().map(|range| range.map(|ends| ends.map(T::to_f64))).collect()
@@ -152,11 +152,8 @@ fn box_ranges(scalars: &Scalars, dims: [usize; 3], region: Region) -> Vec<Vec<Op
     with_scalars!(scalars, values => of(values, dims))
 }
 
-fn joined(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2]> {
-    joined_as(a, b)
-}
-
-fn joined_as<T: PartialOrd + Copy>(a: Option<[T; 2]>, b: Option<[T; 2]>) -> Option<[T; 2]> {
+/// The range of both.
+fn joined<T: PartialOrd + Copy>(a: Option<[T; 2]>, b: Option<[T; 2]>) -> Option<[T; 2]> {
     match (a, b) {
         (Some([a, b]), Some([c, d])) => Some([if c < a { c } else { a }, if d > b { d } else { b }]),
         (a, b) => a.or(b),
