@@ -1,7 +1,7 @@
 //! Real volumes, from the file to the picture.
 
 use voxrole_pack::{HistogramKind, Reader};
-use voxrole_preprocess::io::read_volume;
+use voxrole_preprocess::io::{ReadOptions, read_volume};
 use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
 use voxrole_tests::{prepared, real_data};
@@ -20,7 +20,7 @@ fn first_picture(reader: &Reader) -> ViewState {
 #[test]
 fn engine_on_cpu_and_gpu() {
     let Some(folder) = real_data("engine_on_cpu_and_gpu") else { return };
-    let grid = read_volume(&folder.join("engine/engine.mhd"), None).expect("reads");
+    let grid = read_volume(&folder.join("engine/engine.mhd"), &ReadOptions::default()).expect("reads");
     let prepared = prepared(&grid, &Settings::new(Method::Fast));
     prepared.reader.verify().expect("is sound");
     let volume = VolumeTexels::read(&prepared.reader).expect("reads");

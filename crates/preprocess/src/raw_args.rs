@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 
-use crate::io::raw::{RawLayout, StoredType};
+use crate::io::{RawLayout, ReadOptions, StoredType};
 
 /// Options for a headerless volume; a file with a header needs none.
 #[derive(Clone, Debug, Default, Args)]
@@ -26,9 +26,13 @@ pub struct RawArgs {
 }
 
 impl RawArgs {
-    /// The layout, if the options describe one.
+    /// How to read a volume by these options.
     #[must_use]
-    pub fn layout(&self) -> Option<RawLayout> {
+    pub fn read_options(&self) -> ReadOptions {
+        ReadOptions { raw: self.layout(), ..ReadOptions::default() }
+    }
+
+    fn layout(&self) -> Option<RawLayout> {
         Some(RawLayout {
             dims: self.dims?,
             scalar: self.dtype?,

@@ -7,7 +7,7 @@ use anyhow::Context;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use egui::ViewportBuilder;
 
-use voxrole_preprocess::io::raw::RawLayout;
+use voxrole_preprocess::io::ReadOptions;
 
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
@@ -25,9 +25,9 @@ const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the
 /// message then says to use `render` instead.
-pub fn run(path: &Path, layout: Option<&RawLayout>) -> anyhow::Result<()> {
+pub fn run(path: &Path, options: &ReadOptions) -> anyhow::Result<()> {
     let named = || path.display().to_string();
-    let reader = open_or_prepare(path, layout)?.reader;
+    let reader = open_or_prepare(path, options)?.reader;
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);
     let texels = VolumeTexels::read(&reader).with_context(named)?;

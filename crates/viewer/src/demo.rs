@@ -27,7 +27,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let folder = &arguments.output;
     fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     let grid = match &arguments.input {
-        Some(path) => read_volume(path, arguments.raw.layout().as_ref())?,
+        Some(path) => read_volume(path, &arguments.raw.read_options())?,
         None => phantom()?,
     };
     let [x, y, z] = grid.geometry.dims;

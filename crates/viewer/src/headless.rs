@@ -27,7 +27,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     if !output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
         bail!("{}: what is written is png; name it so", output.display());
     }
-    let opened = open_or_prepare(&arguments.file, arguments.raw.layout().as_ref())?;
+    let opened = open_or_prepare(&arguments.file, &arguments.raw.read_options())?;
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
     let state = state(reader, arguments).with_context(named)?;

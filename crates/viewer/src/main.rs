@@ -32,7 +32,7 @@ fn main() -> ExitCode {
 
 #[cfg(feature = "window")]
 fn open_window(file: &Path, cli: &Cli) -> anyhow::Result<()> {
-    voxrole_viewer::app::run(file, cli.raw.layout().as_ref())
+    voxrole_viewer::app::run(file, &cli.raw.read_options())
 }
 
 #[cfg(not(feature = "window"))]

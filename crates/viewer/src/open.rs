@@ -8,8 +8,7 @@ use anyhow::Context;
 use tempfile::TempDir;
 use voxrole_pack::Reader;
 use voxrole_pack::prologue::MAGIC;
-use voxrole_preprocess::io::raw::RawLayout;
-use voxrole_preprocess::io::read_volume;
+use voxrole_preprocess::io::{ReadOptions, read_volume};
 use voxrole_preprocess::prepare;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
@@ -27,14 +26,14 @@ pub struct Opened {
 ///
 /// # Errors
 /// When it cannot be read, is damaged, or is not a volume; the message names it.
-pub fn open_or_prepare(path: &Path, layout: Option<&RawLayout>) -> anyhow::Result<Opened> {
+pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Opened> {
     let named = || path.display().to_string();
     let mut start = Vec::new();
     File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start)).with_context(named)?;
     if start == MAGIC {
         return Ok(Opened { reader: Reader::open(path).with_context(named)?, _prepared: None });
     }
-    let grid = read_volume(path, layout)?;
+    let grid = read_volume(path, options)?;
     let folder = tempfile::tempdir().context("making a temporary folder")?;
     let packed = folder.path().join("prepared.vxr");
     let file = path.display();

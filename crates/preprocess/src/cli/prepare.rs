@@ -49,7 +49,7 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let work = |task: &Task| {
         pool.install(|| {
             let progress = terminal.progress(&task.input);
-            let file = open_volume(&task.input, args.raw.layout().as_ref())?;
+            let file = open_volume(&task.input, &args.raw.read_options())?;
             let report = prepare_file(file, &settings, memory, &task.output, &*progress);
             let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
             report.map_err(|error| with_way_on(error, &task.output))

@@ -9,6 +9,8 @@ pub mod nrrd_writer;
 mod payload;
 mod placement;
 pub mod raw;
+mod read_options;
+mod slabs;
 mod stored_voxels;
 mod volume_file;
 
@@ -19,6 +21,7 @@ use std::path::Path;
 use flate2::bufread::MultiGzDecoder;
 
 pub use raw::{ByteOrder, RawLayout, StoredType};
+pub use read_options::ReadOptions;
 pub use stored_voxels::StoredVoxels;
 pub use volume_file::{StoredVolume, VolumeFile};
 
@@ -36,20 +39,20 @@ const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha) or 
 /// # Errors
 /// As [`open_volume`]; [`Error::Format`] too when there are fewer or more numbers than the header says, or damaged ones,
 /// [`Error::OutOfMemory`].
-pub fn read_volume(path: &Path, raw: Option<&RawLayout>) -> Result<Grid> {
-    open_volume(path, raw)?.load()
+pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Grid> {
+    open_volume(path, options)?.load()
 }
 
 /// Reads the header of a volume, finding the format by the file's content.
 ///
-/// With `raw` the file is read as headerless numbers, whatever it looks like. Numbers keep their own type; world
+/// With [`ReadOptions::raw`] the file is read as headerless numbers, whatever it looks like. Numbers keep their own type; world
 /// positions are in the file's unit, and in the frame left-posterior-superior wherever the file says what its axes mean.
 ///
 /// # Errors
 /// [`Error::Io`] when the operating system refuses, [`Error::Format`] for a file of another kind or whose content is not
 /// what its format demands. Each names the file, what was expected and what was found.
-pub fn open_volume(path: &Path, raw: Option<&RawLayout>) -> Result<VolumeFile> {
-    if let Some(layout) = raw {
+pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
+    if let Some(layout) = &options.raw {
         return raw::read(path, layout);
     }
     let start = probe(path)?;

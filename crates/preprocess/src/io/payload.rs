@@ -101,7 +101,13 @@ impl Payload {
             self.decode(|decoding| decoding.copy_to(&mut file, folder))?;
             (file, 0)
         };
-        Ok(StoredVoxels { file, path: self.path, offset, dims: self.dims.map(|dim| dim as usize), stored: self.stored })
+        Ok(StoredVoxels {
+            file,
+            paths: vec![self.path],
+            offset,
+            dims: self.dims.map(|dim| dim as usize),
+            stored: self.stored,
+        })
     }
 
     /// Lets `consume` have the stream of numbers, and makes sure that it ends with them.

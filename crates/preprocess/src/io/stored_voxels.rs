@@ -19,8 +19,8 @@ use crate::{Error, Result};
 #[derive(Debug)]
 pub struct StoredVoxels {
     pub(super) file: File,
-    /// The file that the user knows; another than `file` where that one is compressed.
-    pub(super) path: PathBuf,
+    /// The files that the user knows, at least one; others than `file` where that one was unpacked.
+    pub(super) paths: Vec<PathBuf>,
     pub(super) offset: u64,
     pub(super) dims: [usize; 3],
     pub(super) stored: StoredType,
@@ -33,15 +33,19 @@ impl StoredVoxels {
         self.stored.scalar_type
     }
 
-    /// A hash of path, length, time of change and place of the numbers in the file that the user knows; `None` where the
+    /// A hash of path, length, time of change and place of the numbers in the files that the user knows; `None` where the
     /// operating system does not tell.
     #[must_use]
     pub fn identity(&self) -> Option<[u8; 32]> {
-        let path = self.path.canonicalize().ok()?;
-        let metadata = path.metadata().ok()?;
-        let changed = metadata.modified().ok()?;
-        let all = format!("{path:?} {} {changed:?} {} {:?} {:?}", metadata.len(), self.offset, self.dims, self.stored);
-        Some(Sha256::digest(all).into())
+        let mut hasher = Sha256::new();
+        for path in &self.paths {
+            let path = path.canonicalize().ok()?;
+            let metadata = path.metadata().ok()?;
+            let changed = metadata.modified().ok()?;
+            hasher.update(format!("{path:?} {} {changed:?} ", metadata.len()));
+        }
+        hasher.update(format!("{} {:?} {:?}", self.offset, self.dims, self.stored));
+        Some(hasher.finalize().into())
     }
 
     /// Reads a region, x fastest.
@@ -87,7 +91,7 @@ impl StoredVoxels {
         let first = voxel(start[0], start[1]);
         bytes.resize((voxel(end[0] - 1, end[1] - 1) + 1 - first) * T::SIZE, 0);
         let offset = self.offset + (first * T::SIZE) as u64;
-        read_exact_at(&self.file, bytes, offset).map_err(Error::io(&self.path))?;
+        read_exact_at(&self.file, bytes, offset).map_err(Error::io(&self.paths[0]))?;
         let width = end[0] - start[0];
         for (row, out) in bytes.chunks_mut(self.dims[0] * T::SIZE).zip(slice.chunks_exact_mut(width)) {
             numbers.clear();

@@ -5,6 +5,7 @@ use std::path::Path;
 use voxrole_pack::{GridGeometry, ScalarType};
 
 use super::payload::Payload;
+use super::slabs::{self, Slabs};
 use super::stored_voxels::StoredVoxels;
 use crate::{Error, Grid, Result, grid};
 
@@ -15,7 +16,22 @@ pub struct VolumeFile {
     geometry: GridGeometry,
     slope: f64,
     intercept: f64,
-    payload: Payload,
+    numbers: Numbers,
+}
+
+/// Where the numbers are.
+#[derive(Debug)]
+pub(super) enum Numbers {
+    /// In one run of one file, compressed as a whole or not at all.
+    Payload(Payload),
+    /// Anywhere else.
+    Slabs(Box<dyn Slabs>),
+}
+
+impl From<Payload> for Numbers {
+    fn from(payload: Payload) -> Self {
+        Self::Payload(payload)
+    }
 }
 
 /// A volume whose numbers stay in a file.
@@ -41,13 +57,13 @@ impl VolumeFile {
     pub(super) fn new(
         path: &Path,
         geometry: GridGeometry,
-        payload: Payload,
+        numbers: impl Into<Numbers>,
         slope: f64,
         intercept: f64,
     ) -> Result<Self> {
         grid::check_mapping(slope, intercept).map_err(|error| Error::format(path, error.to_string()))?;
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(Self { name, geometry, slope, intercept, payload })
+        Ok(Self { name, geometry, slope, intercept, numbers: numbers.into() })
     }
 
     /// Voxels along x, y, z.
@@ -59,7 +75,10 @@ impl VolumeFile {
     /// The numbers' type.
     #[must_use]
     pub fn scalar_type(&self) -> ScalarType {
-        self.payload.stored.scalar_type
+        match &self.numbers {
+            Numbers::Payload(payload) => payload.stored.scalar_type,
+            Numbers::Slabs(slabs) => slabs.scalar_type(),
+        }
     }
 
     /// Reads all numbers.
@@ -67,16 +86,24 @@ impl VolumeFile {
     /// # Errors
     /// As [`super::read_volume`].
     pub fn load(self) -> Result<Grid> {
-        let scalars = self.payload.read()?;
+        let scalars = match &self.numbers {
+            Numbers::Payload(payload) => payload.read()?,
+            Numbers::Slabs(slabs) => slabs::read(slabs.as_ref(), self.dims())?,
+        };
         Grid::with_mapping(self.name, self.geometry, scalars, self.slope, self.intercept)
     }
 
-    /// Leaves the numbers where they are; compressed ones are unpacked into a temporary file in `folder`.
+    /// Leaves the numbers where they are; compressed and scattered ones are unpacked into a temporary file in `folder`.
     ///
     /// # Errors
     /// As [`super::read_volume`], and [`Error::Io`] when `folder` cannot be written to.
     pub fn stored(self, folder: &Path) -> Result<StoredVolume> {
-        let Self { name, geometry, slope, intercept, payload } = self;
-        Ok(StoredVolume { name, geometry, slope, intercept, voxels: payload.stored(folder)? })
+        let dims = self.dims();
+        let Self { name, geometry, slope, intercept, numbers } = self;
+        let voxels = match numbers {
+            Numbers::Payload(payload) => payload.stored(folder)?,
+            Numbers::Slabs(slabs) => slabs::stored(slabs.as_ref(), dims, folder)?,
+        };
+        Ok(StoredVolume { name, geometry, slope, intercept, voxels })
     }
 }

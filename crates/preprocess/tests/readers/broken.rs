@@ -1,7 +1,7 @@
 //! Files that must be refused, each with a message that names the file, what was expected and what was found.
 
 use voxrole_pack::ScalarType;
-use voxrole_preprocess::io::{ByteOrder, RawLayout, StoredType, read_volume};
+use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, read_volume};
 
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
 
@@ -13,8 +13,8 @@ fn data() -> Vec<u8> {
 }
 
 #[track_caller]
-fn refused_with(files: &Files, raw: Option<&RawLayout>, expected: &[&str]) {
-    let message = read_volume(&files.path(), raw).expect_err(expected[0]).to_string();
+fn refused_with(files: &Files, options: &ReadOptions, expected: &[&str]) {
+    let message = read_volume(&files.path(), options).expect_err(expected[0]).to_string();
     for part in expected.iter().chain(&["expected", "found"]) {
         assert!(message.contains(part), "{part:?} is not in: {message}");
     }
@@ -30,7 +30,7 @@ fn nrrd(cases: &[HeaderCase<'_>]) {
     for (old, new, expected) in cases {
         assert!(good.contains(old), "{old}");
         let file = [good.replace(old, new).as_bytes(), &data()].concat();
-        refused_with(&Files::new([("a.nrrd", file)]), None, &[&["a.nrrd"], *expected].concat());
+        refused_with(&Files::new([("a.nrrd", file)]), &ReadOptions::default(), &[&["a.nrrd"], *expected].concat());
     }
 }
 
@@ -40,14 +40,18 @@ fn metaimage(cases: &[HeaderCase<'_>]) {
     for (old, new, expected) in cases {
         assert!(good.contains(old), "{old}");
         let file = [good.replace(old, new).as_bytes(), &data()].concat();
-        refused_with(&Files::new([("a.mha", file)]), None, &[&["a.mha"], *expected].concat());
+        refused_with(&Files::new([("a.mha", file)]), &ReadOptions::default(), &[&["a.mha"], *expected].concat());
     }
 }
 
 #[track_caller]
 fn nifti(header: Nifti, expected: &[&str]) {
-    refused_with(&Files::new([("a.nii", header.file())]), None, &[&["a.nii"], expected].concat());
-    refused_with(&Files::new([("a.nii.gz", gzip(&header.file()))]), None, &[&["a.nii.gz"], expected].concat());
+    refused_with(&Files::new([("a.nii", header.file())]), &ReadOptions::default(), &[&["a.nii"], expected].concat());
+    refused_with(
+        &Files::new([("a.nii.gz", gzip(&header.file()))]),
+        &ReadOptions::default(),
+        &[&["a.nii.gz"], expected].concat(),
+    );
 }
 
 fn good_nifti() -> Nifti {
@@ -69,8 +73,8 @@ fn raw_files_that_do_not_fit_their_layout() {
         ([1 << 31, 1 << 20, 1], [1.0; 3], 0, ["expected 4503599627370496 bytes", "found 120"]),
     ] {
         let layout = layout(dims, spacing, skip);
-        refused_with(&raw, Some(&layout), &["a.raw", expected[0], expected[1], "--dims, --dtype and --skip-bytes"]);
-        refused_with(&packed, Some(&layout), &["a.raw.gz", expected[0]]);
+        refused_with(&raw, &layout.into(), &["a.raw", expected[0], expected[1], "--dims, --dtype and --skip-bytes"]);
+        refused_with(&packed, &layout.into(), &["a.raw.gz", expected[0]]);
     }
     for (dims, spacing, skip, expected) in [
         (DIMS, [1.0; 3], 1000, "1000"),
@@ -81,7 +85,7 @@ fn raw_files_that_do_not_fit_their_layout() {
         (DIMS, [1.0, f64::NAN, 1.0], 0, "NaN is not a positive length"),
     ] {
         for files in [&raw, &packed] {
-            refused_with(files, Some(&layout(dims, spacing, skip)), &["a.raw", expected]);
+            refused_with(files, &layout(dims, spacing, skip).into(), &["a.raw", expected]);
         }
     }
 }
@@ -101,13 +105,13 @@ fn files_of_other_kinds() {
         ("a.mhd", b"Something = else\n".to_vec(), "no known kind"),
         ("a.vxr", padded(b"\x89VXR\r\n\x1a\n"), "already packed"),
     ] {
-        refused_with(&Files::new([(name, bytes)]), None, &[name, expected]);
+        refused_with(&Files::new([(name, bytes)]), &ReadOptions::default(), &[name, expected]);
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let message = read_volume(folder.path(), None).expect_err("a folder").to_string();
+    let message = read_volume(folder.path(), &ReadOptions::default()).expect_err("a folder").to_string();
     assert!(message.contains("expected a volume file, found a folder"), "{message}");
     let missing = folder.path().join("missing.nrrd");
-    assert!(read_volume(&missing, None).expect_err("missing").to_string().contains("missing.nrrd"));
+    assert!(read_volume(&missing, &ReadOptions::default()).expect_err("missing").to_string().contains("missing.nrrd"));
 }
 
 #[test]
@@ -159,7 +163,7 @@ fn nrrd_with_other_counts_of_axes() {
     ] {
         let header = nrrd_header(U16, "encoding: raw").replace("dimension: 3\nsizes: 3 4 5", axes);
         let file = [header.as_bytes(), &data()].concat();
-        refused_with(&Files::new([("a.nrrd", file)]), None, &["a.nrrd", expected]);
+        refused_with(&Files::new([("a.nrrd", file)]), &ReadOptions::default(), &["a.nrrd", expected]);
     }
 }
 
@@ -184,7 +188,7 @@ fn nrrd_placements() {
     ] {
         let header = nrrd_header(U16, &directions(space, vectors));
         let file = [header.as_bytes(), &data()].concat();
-        refused_with(&Files::new([("a.nrrd", file)]), None, &["a.nrrd", expected]);
+        refused_with(&Files::new([("a.nrrd", file)]), &ReadOptions::default(), &["a.nrrd", expected]);
     }
 }
 
@@ -195,21 +199,37 @@ fn nrrd_data() {
     let with = |packed: &[u8]| Files::new([("a.nrrd", [&*gzip_header, packed].concat())]);
     let mut flipped = packed.clone();
     flipped[packed.len() / 2] ^= 0x10;
-    refused_with(&with(&packed[..packed.len() / 2]), None, &["a.nrrd", "truncated", "expected 120 bytes"]);
-    refused_with(&with(&packed[..packed.len() - 1]), None, &["a.nrrd", "truncated", "found 120 before their end"]);
-    refused_with(&with(&flipped), None, &["a.nrrd", "expected 120 bytes"]);
-    refused_with(&with(&gzip(&data()[1..])), None, &["a.nrrd", "expected 120 bytes", "found 119"]);
-    refused_with(&with(&gzip(&[data(), vec![0]].concat())), None, &["a.nrrd", "expected 120 bytes", "found more"]);
+    refused_with(
+        &with(&packed[..packed.len() / 2]),
+        &ReadOptions::default(),
+        &["a.nrrd", "truncated", "expected 120 bytes"],
+    );
+    refused_with(
+        &with(&packed[..packed.len() - 1]),
+        &ReadOptions::default(),
+        &["a.nrrd", "truncated", "found 120 before their end"],
+    );
+    refused_with(&with(&flipped), &ReadOptions::default(), &["a.nrrd", "expected 120 bytes"]);
+    refused_with(&with(&gzip(&data()[1..])), &ReadOptions::default(), &["a.nrrd", "expected 120 bytes", "found 119"]);
+    refused_with(
+        &with(&gzip(&[data(), vec![0]].concat())),
+        &ReadOptions::default(),
+        &["a.nrrd", "expected 120 bytes", "found more"],
+    );
     // Ten million zeros behind a promise of 120 bytes: refused after 121 of them.
-    refused_with(&with(&gzip(&vec![0; 10_000_000])), None, &["a.nrrd", "found more"]);
+    refused_with(&with(&gzip(&vec![0; 10_000_000])), &ReadOptions::default(), &["a.nrrd", "found more"]);
 
     let detached = nrrd_header(U16, "encoding: raw\ndata file: data.bin").into_bytes();
     let short = Files::new([("a.nhdr", detached.clone()), ("data.bin", data()[..7].to_vec())]);
-    refused_with(&short, None, &["data.bin", "expected 120 bytes", "found 7"]);
+    refused_with(&short, &ReadOptions::default(), &["data.bin", "expected 120 bytes", "found 7"]);
     let no_end = nrrd_header(U16, "encoding: raw");
-    refused_with(&Files::new([("a.nrrd", no_end.trim_end().into())]), None, &["a.nrrd", "a blank line"]);
+    refused_with(
+        &Files::new([("a.nrrd", no_end.trim_end().into())]),
+        &ReadOptions::default(),
+        &["a.nrrd", "a blank line"],
+    );
     let endless = [b"NRRD0004\ncontent: ".as_slice(), &vec![b'x'; 2 << 20]].concat();
-    refused_with(&Files::new([("a.nrrd", endless)]), None, &["a.nrrd", "at most 1048576 bytes"]);
+    refused_with(&Files::new([("a.nrrd", endless)]), &ReadOptions::default(), &["a.nrrd", "at most 1048576 bytes"]);
 }
 
 #[test]
@@ -254,15 +274,23 @@ fn metaimage_data() {
     let header = meta_header(U16, "CompressedData = True\nElementDataFile = a.zraw\n").into_bytes();
     let packed = zlib(&data());
     let with = |packed: &[u8]| Files::new([("a.mhd", header.clone()), ("a.zraw", packed.to_vec())]);
-    refused_with(&with(&packed[..packed.len() / 2]), None, &["a.zraw", "truncated", "expected 120 bytes"]);
-    refused_with(&with(&packed[..packed.len() - 1]), None, &["a.zraw", "truncated", "found 120 before their end"]);
-    refused_with(&with(&zlib(&data()[..50])), None, &["a.zraw", "expected 120 bytes", "found 50"]);
-    refused_with(&with(&zlib(&[0; 121])), None, &["a.zraw", "expected 120 bytes", "found more"]);
-    refused_with(&with(&[packed.clone(), vec![0]].concat()), None, &["a.zraw", "compressed bytes"]);
+    refused_with(
+        &with(&packed[..packed.len() / 2]),
+        &ReadOptions::default(),
+        &["a.zraw", "truncated", "expected 120 bytes"],
+    );
+    refused_with(
+        &with(&packed[..packed.len() - 1]),
+        &ReadOptions::default(),
+        &["a.zraw", "truncated", "found 120 before their end"],
+    );
+    refused_with(&with(&zlib(&data()[..50])), &ReadOptions::default(), &["a.zraw", "expected 120 bytes", "found 50"]);
+    refused_with(&with(&zlib(&[0; 121])), &ReadOptions::default(), &["a.zraw", "expected 120 bytes", "found more"]);
+    refused_with(&with(&[packed.clone(), vec![0]].concat()), &ReadOptions::default(), &["a.zraw", "compressed bytes"]);
     let mut flipped = packed.clone();
     let last = packed.len() - 1;
     flipped[last] ^= 1;
-    refused_with(&with(&flipped), None, &["a.zraw", "damaged"]);
+    refused_with(&with(&flipped), &ReadOptions::default(), &["a.zraw", "damaged"]);
 }
 
 #[test]
@@ -316,13 +344,17 @@ fn nifti_data() {
         ("a.nii.gz", gzip(&file[..400]), "found 48"),
         ("a.nii.gz", gzip(&[&*file, &[0]].concat()), "found more"),
     ] {
-        refused_with(&Files::new([(name, bytes)]), None, &[name, expected]);
+        refused_with(&Files::new([(name, bytes)]), &ReadOptions::default(), &[name, expected]);
     }
     let pair = Nifti { magic: *b"ni1\0", vox_offset: 0.0, ..good_nifti() }.header();
-    refused_with(&Files::new([("a.hdr", pair.clone())]), None, &["a.hdr", "a.img", "found neither file"]);
+    refused_with(
+        &Files::new([("a.hdr", pair.clone())]),
+        &ReadOptions::default(),
+        &["a.hdr", "a.img", "found neither file"],
+    );
     refused_with(
         &Files::new([("a.hdr", pair), ("a.img", vec![0; 9])]),
-        None,
+        &ReadOptions::default(),
         &["a.img", "expected 120 bytes", "found 9"],
     );
 }

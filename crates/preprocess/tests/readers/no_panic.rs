@@ -5,7 +5,7 @@ use std::fs;
 use proptest::prelude::*;
 use proptest::sample::Index;
 use voxrole_pack::ScalarType;
-use voxrole_preprocess::io::{ByteOrder, RawLayout, StoredType, read_volume};
+use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, read_volume};
 
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
 
@@ -118,13 +118,13 @@ fn damaged_files_never_panic() {
     for files in good_files() {
         let path = files.path();
         let good = fs::read(&path).expect("just written");
-        read_volume(&path, None).unwrap_or_else(|error| panic!("before any damage: {error}"));
+        read_volume(&path, &ReadOptions::default()).unwrap_or_else(|error| panic!("before any damage: {error}"));
         proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
             |(damages in prop::collection::vec(damage(), 1..4))| {
                 let mut bytes = good.clone();
                 damages.iter().for_each(|damage| damage.apply(&mut bytes));
                 fs::write(&path, &bytes).expect("written");
-                if let Err(error) = read_volume(&path, None) {
+                if let Err(error) = read_volume(&path, &ReadOptions::default()) {
                     prop_assert!(!error.to_string().is_empty());
                 }
         });
@@ -137,13 +137,13 @@ fn any_raw_layout_never_panics() {
     for file in [Files::new([("a.raw", data.clone())]), Files::new([("a.raw.gz", gzip(&data))])] {
         let path = file.path();
         let layout = RawLayout { dims: DIMS, scalar: I16, spacing: [1.0; 3], skip_bytes: 0 };
-        read_volume(&path, Some(&layout)).unwrap_or_else(|error| panic!("the right layout: {error}"));
+        read_volume(&path, &layout.into()).unwrap_or_else(|error| panic!("the right layout: {error}"));
         let dim = prop_oneof![0_u32..6, any::<u32>()];
         proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
             |(dims in [dim.clone(), dim.clone(), dim.clone()], spacing in any::<[f64; 3]>(), any_spacing: bool, skip: u64, any_skip: bool)| {
                 let spacing = if any_spacing { spacing } else { [1.0; 3] };
                 let skip_bytes = if any_skip { skip } else { 0 };
-                let _ = read_volume(&path, Some(&RawLayout { dims, scalar: I16, spacing, skip_bytes }));
+                let _ = read_volume(&path, &RawLayout { dims, scalar: I16, spacing, skip_bytes }.into());
         });
     }
 }

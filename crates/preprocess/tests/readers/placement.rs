@@ -3,7 +3,7 @@
 use glam::DVec3;
 use voxrole_pack::{ScalarType, WorldFrame};
 use voxrole_preprocess::Grid;
-use voxrole_preprocess::io::{ByteOrder, StoredType, read_volume};
+use voxrole_preprocess::io::{ByteOrder, ReadOptions, StoredType, read_volume};
 
 use crate::samples::{Files, Nifti, bytes, meta_header, nrrd_header, numbers};
 
@@ -15,16 +15,18 @@ fn data() -> Vec<u8> {
 
 fn nrrd(lines: &str) -> Grid {
     let header = nrrd_header(U8, &format!("encoding: raw\n{lines}"));
-    read_volume(&Files::new([("a.nrrd", [header.as_bytes(), &data()].concat())]).path(), None).expect(lines)
+    read_volume(&Files::new([("a.nrrd", [header.as_bytes(), &data()].concat())]).path(), &ReadOptions::default())
+        .expect(lines)
 }
 
 fn metaimage(lines: &str) -> Grid {
     let header = meta_header(U8, &format!("{lines}ElementDataFile = LOCAL\n"));
-    read_volume(&Files::new([("a.mha", [header.as_bytes(), &data()].concat())]).path(), None).expect(lines)
+    read_volume(&Files::new([("a.mha", [header.as_bytes(), &data()].concat())]).path(), &ReadOptions::default())
+        .expect(lines)
 }
 
 fn nifti(nifti: &Nifti) -> Grid {
-    read_volume(&Files::new([("a.nii", nifti.file())]).path(), None).expect("a good file")
+    read_volume(&Files::new([("a.nii", nifti.file())]).path(), &ReadOptions::default()).expect("a good file")
 }
 
 #[track_caller]

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use voxrole_pack::{ScalarType, WorldFrame};
 use voxrole_preprocess::Grid;
-use voxrole_preprocess::io::{RawLayout, read_volume};
+use voxrole_preprocess::io::{RawLayout, ReadOptions, read_volume};
 
 const FOLDER_VARIABLE: &str = "VOXROLE_REAL_DATA";
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -47,14 +47,15 @@ fn read(file: &str, raw: Option<(&str, [u32; 3], [f64; 3])>) -> Option<Grid> {
         eprintln!("{file} was skipped: {FOLDER_VARIABLE} does not name a folder of real volumes");
         return None;
     };
-    let layout = raw.map(|(scalar, dims, spacing)| RawLayout {
+    let raw = raw.map(|(scalar, dims, spacing)| RawLayout {
         dims,
         scalar: scalar.parse().expect("a type"),
         spacing,
         skip_bytes: 0,
     });
+    let options = ReadOptions { raw, ..ReadOptions::default() };
     let path = PathBuf::from(folder).join(file);
-    Some(read_volume(&path, layout.as_ref()).unwrap_or_else(|error| panic!("{error}")))
+    Some(read_volume(&path, &options).unwrap_or_else(|error| panic!("{error}")))
 }
 
 #[track_caller]

@@ -1,12 +1,12 @@
 //! What was written is what is read: every type, both byte orders, every way to store the numbers.
 
 use voxrole_pack::{GridGeometry, ScalarType, WorldFrame};
-use voxrole_preprocess::io::{ByteOrder, RawLayout, StoredType, nrrd_writer, read_volume};
+use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, nrrd_writer, read_volume};
 
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, stored_types, zlib};
 
-fn check(files: &Files, raw: Option<&RawLayout>, stored: StoredType, case: &str) {
-    let grid = read_volume(&files.path(), raw).unwrap_or_else(|error| panic!("{case} {stored}: {error}"));
+fn check(files: &Files, options: &ReadOptions, stored: StoredType, case: &str) {
+    let grid = read_volume(&files.path(), options).unwrap_or_else(|error| panic!("{case} {stored}: {error}"));
     assert_eq!(grid.scalars, numbers(stored.scalar_type), "{case} {stored}");
     assert_eq!(grid.geometry.dims, DIMS, "{case} {stored}");
     assert_eq!((grid.slope, grid.intercept), (1.0, 0.0), "{case} {stored}");
@@ -23,10 +23,10 @@ fn raw() {
         let data = sample(stored);
         let skipped = [b"header".as_slice(), &data].concat();
         let layout = |skip_bytes| RawLayout { dims: DIMS, scalar: stored, spacing: [1.0, 2.0, 3.0], skip_bytes };
-        check(&Files::new([("a.raw", data.clone())]), Some(&layout(0)), stored, "plain");
-        check(&Files::new([("a.raw", skipped.clone())]), Some(&layout(6)), stored, "skipped");
-        check(&Files::new([("a.raw.gz", gzip(&data))]), Some(&layout(0)), stored, "gzip");
-        check(&Files::new([("a.raw.gz", gzip(&skipped))]), Some(&layout(6)), stored, "gzip skipped");
+        check(&Files::new([("a.raw", data.clone())]), &layout(0).into(), stored, "plain");
+        check(&Files::new([("a.raw", skipped.clone())]), &layout(6).into(), stored, "skipped");
+        check(&Files::new([("a.raw.gz", gzip(&data))]), &layout(0).into(), stored, "gzip");
+        check(&Files::new([("a.raw.gz", gzip(&skipped))]), &layout(6).into(), stored, "gzip skipped");
     }
 }
 
@@ -36,7 +36,7 @@ fn raw_numbers_may_begin_like_a_gzip_file() {
     data[..3].copy_from_slice(&[0x1f, 0x8b, 8]);
     let scalar = StoredType { scalar_type: ScalarType::U8, byte_order: ByteOrder::Little };
     let layout = RawLayout { dims: DIMS, scalar, spacing: [1.0; 3], skip_bytes: 0 };
-    let grid = read_volume(&Files::new([("a.raw", data)]).path(), Some(&layout)).expect("the length fits");
+    let grid = read_volume(&Files::new([("a.raw", data)]).path(), &layout.into()).expect("the length fits");
     assert_eq!(grid.scalars.get(1), 139.0);
 }
 
@@ -74,7 +74,7 @@ fn nrrd() {
             ("attached skip", Files::new([("a.nrrd", attached("encoding: raw\nbyte skip: 2", &behind(b"ab")))])),
         ];
         for (case, files) in &cases {
-            check(files, None, stored, case);
+            check(files, &ReadOptions::default(), stored, case);
         }
     }
 }
@@ -84,10 +84,10 @@ fn nrrd_with_windows_line_ends_and_no_last_line_end() {
     let stored = StoredType { scalar_type: ScalarType::I16, byte_order: ByteOrder::Big };
     let header = nrrd_header(stored, "encoding: raw").replace('\n', "\r\n");
     let files = Files::new([("a.nrrd", [header.as_bytes(), &sample(stored)].concat())]);
-    check(&files, None, stored, "attached, windows");
+    check(&files, &ReadOptions::default(), stored, "attached, windows");
     let header = nrrd_header(stored, "encoding: raw\ndata file: ./data.bin");
     let files = Files::new([("a.nhdr", header.trim_end().into()), ("data.bin", sample(stored))]);
-    check(&files, None, stored, "detached, no line end");
+    check(&files, &ReadOptions::default(), stored, "detached, no line end");
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn metaimage() {
             ),
         ];
         for (case, files) in &cases {
-            check(files, None, stored, case);
+            check(files, &ReadOptions::default(), stored, case);
         }
     }
 }
@@ -137,7 +137,7 @@ fn nifti() {
             ("pair, both packed", Files::new([("a.hdr.gz", gzip(&pair)), ("a.img.gz", gzip(&sample(stored)))])),
         ];
         for (case, files) in &cases {
-            check(files, None, stored, case);
+            check(files, &ReadOptions::default(), stored, case);
         }
     }
 }
@@ -159,7 +159,7 @@ fn written_nrrd_is_read_back_whole() {
         for scalar_type in ScalarType::ALL {
             let mut out = Vec::new();
             nrrd_writer::write_scalars(&mut out, &geometry, &numbers(scalar_type), "a sample").expect("into memory");
-            let grid = read_volume(&Files::new([("a.nrrd", out)]).path(), None).expect("own file");
+            let grid = read_volume(&Files::new([("a.nrrd", out)]).path(), &ReadOptions::default()).expect("own file");
             assert_eq!((grid.geometry, grid.scalars), (geometry.clone(), numbers(scalar_type)));
         }
     }
