@@ -42,10 +42,16 @@ impl BrickGrid {
         })
     }
 
+    /// Voxels along each axis of brick `index`.
+    #[must_use]
+    pub fn dims_of(&self, index: usize) -> [usize; 3] {
+        self.voxel_ranges(index).map(|range| range.len())
+    }
+
     /// Number of voxels of brick `index`.
     #[must_use]
     pub fn voxel_count(&self, index: usize) -> usize {
-        self.voxel_ranges(index).iter().map(ExactSizeIterator::len).product()
+        self.dims_of(index).iter().product()
     }
 
     /// The brick's rows as ranges of the dense volume, in the order in which a brick stores them.

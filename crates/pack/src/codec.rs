@@ -1,4 +1,4 @@
-//! The only file that names bincode: header and directory as bytes.
+//! The only file that names bincode: the header as bytes, and the tables of unfinished files.
 //!
 //! Fixed-width little-endian integers, u64 lengths, u32 enum codes, as `SPEC.md` describes. Decoding runs under a limit,
 //! so that a hostile length cannot ask for more memory than a table of that size could need.
@@ -11,8 +11,6 @@ use crate::{Error, Result};
 
 /// Most bytes of an encoded header.
 pub const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Most bytes of an encoded directory: about 3 million bricks.
-pub const MAX_DIRECTORY_BYTES: usize = 1 << 28;
 
 fn config<const LIMIT: usize>() -> Configuration<LittleEndian, Fixint, Limit<LIMIT>> {
     bincode::config::standard().with_little_endian().with_fixed_int_encoding().with_limit::<LIMIT>()

@@ -1,9 +1,10 @@
 //! One brick's or section's bytes, packed and unpacked.
 
 use serde::{Deserialize, Serialize};
-use zstd::bulk::Compressor;
+use zstd::bulk::{Compressor, Decompressor};
 use zstd::zstd_safe::compress_bound;
 
+use crate::mask;
 use crate::scalar::LittleEndian;
 use crate::{Error, Result};
 
@@ -15,11 +16,29 @@ pub enum Encoding {
     /// Little-endian numbers as they are.
     Raw,
     /// Byte planes (all first bytes, then all second bytes, …) in one zstd frame.
-    ShuffledZstd,
+    Zstd,
+    /// The same of each number's difference from the one before it; the first's is from 0.
+    DeltaZstd,
+    /// The same of the numbers at the voxels of the brick's mask alone; the others hold the layer's number for none.
+    SparseZstd,
 }
 
-/// Level 3 is zstd's own default: higher levels gain about 2 % on these layers at several times the time.
-const ZSTD_LEVEL: i32 = 3;
+impl Encoding {
+    /// Every encoding, in the order of its code in a packed file.
+    pub const ALL: [Self; 5] = [Self::Constant, Self::Raw, Self::Zstd, Self::DeltaZstd, Self::SparseZstd];
+}
+
+/// Level 1: on layers of differences higher levels gain about 1 % (`docs/benchmarks.md`, file sizes).
+const ZSTD_LEVEL: i32 = 1;
+
+/// Where numbers are left out, and what then stands there.
+#[derive(Clone, Copy, Debug)]
+pub struct Sparse<'m, T> {
+    /// A bit for each number: whether it is stored.
+    pub mask: &'m [u8],
+    /// What the others are.
+    pub fill: T,
+}
 
 /// Packs numbers, and keeps its memory from one brick to the next.
 pub struct Packer {
@@ -35,22 +54,37 @@ impl Packer {
         Ok(Self { compressor, planes: Vec::new(), packed: Vec::new() })
     }
 
-    /// Packs numbers by whichever encoding is smallest.
-    pub fn pack<T: LittleEndian>(&mut self, values: &[T]) -> Result<(Encoding, Vec<u8>)> {
+    /// Packs numbers by whichever encoding is smallest; those outside of the mask must be its fill.
+    pub fn pack<T: LittleEndian>(
+        &mut self,
+        values: &[T],
+        sparse: Option<Sparse<'_, T>>,
+    ) -> Result<(Encoding, Vec<u8>)> {
         let mut bytes = Vec::new();
         if values.first().is_none_or(|&first| all_same(values, first)) {
             T::append_le(&values[..values.len().min(1)], &mut bytes);
             return Ok((Encoding::Constant, bytes));
         }
-        shuffle(values, &mut self.planes);
+        let encoding = match sparse {
+            Some(Sparse { mask, .. }) => {
+                let mut kept = Vec::with_capacity(mask::count(mask));
+                mask::for_each_one(mask, |place| kept.push(values[place]));
+                shuffle(&kept, &mut self.planes);
+                Encoding::SparseZstd
+            }
+            None => {
+                shuffle(values, &mut self.planes);
+                if T::HAS_DIFFERENCES { Encoding::DeltaZstd } else { Encoding::Zstd }
+            }
+        };
         self.packed.clear();
         self.packed.reserve(compress_bound(self.planes.len()));
         let length = self
             .compressor
             .compress_to_buffer(&self.planes, &mut self.packed)
             .map_err(Error::io("compressing a brick with zstd"))?;
-        if length < self.planes.len() {
-            return Ok((Encoding::ShuffledZstd, self.packed[..length].to_vec()));
+        if length < size_of_val(values) {
+            return Ok((encoding, self.packed[..length].to_vec()));
         }
         T::append_le(values, &mut bytes);
         Ok((Encoding::Raw, bytes))
@@ -63,51 +97,139 @@ pub fn all_same<T: LittleEndian>(values: &[T], first: T) -> bool {
     values.chunks(64).all(|run| run.iter().fold(true, |same, value| same & value.is_same(first)))
 }
 
-/// Unpacks exactly `len` numbers.
-pub fn unpack<T: LittleEndian>(encoding: Encoding, stored: &[u8], len: usize) -> Result<Vec<T>> {
-    let size = T::SIZE;
-    let expect = |found: usize, expected: usize| {
-        if found == expected {
-            Ok(())
-        } else {
-            Err(Error::Format(format!("{encoding:?} data unpacks to {found} bytes where {expected} are expected")))
+/// Unpacks numbers, and keeps its memory from one brick to the next.
+pub struct Unpacker {
+    decompressor: Decompressor<'static>,
+    planes: Vec<u8>,
+}
+
+impl Unpacker {
+    /// Prepares for unpacking.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when zstd has no memory.
+    pub fn new() -> Result<Self> {
+        let decompressor = Decompressor::new().map_err(Error::io("setting up zstd"))?;
+        Ok(Self { decompressor, planes: Vec::new() })
+    }
+
+    /// Unpacks exactly `len` numbers into `values`, which are replaced. Memory for `len` numbers is all that is asked for.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when `stored` is damaged, holds more or fewer, or lacks the mask that it needs.
+    pub fn unpack<T: LittleEndian>(
+        &mut self,
+        encoding: Encoding,
+        stored: &[u8],
+        len: usize,
+        sparse: Option<Sparse<'_, T>>,
+        values: &mut Vec<T>,
+    ) -> Result<()> {
+        values.clear();
+        match encoding {
+            Encoding::Constant => {
+                expect(encoding, stored.len(), T::SIZE)?;
+                values.resize(len, T::from_le(stored));
+            }
+            Encoding::Raw => {
+                expect(encoding, stored.len(), len * T::SIZE)?;
+                values.extend(stored.chunks_exact(T::SIZE).map(T::from_le));
+            }
+            Encoding::Zstd => {
+                self.decompress(encoding, stored, len * T::SIZE)?;
+                join_planes(&self.planes, len, |number| number, values);
+            }
+            Encoding::DeltaZstd => {
+                self.decompress(encoding, stored, len * T::SIZE)?;
+                join_differences(&self.planes, len, values);
+            }
+            Encoding::SparseZstd => {
+                let Some(Sparse { mask, fill }) = sparse.filter(|sparse| sparse.mask.len() == len.div_ceil(8)) else {
+                    return Err(Error::Format("sparse data where there is no mask".into()));
+                };
+                let kept = mask::count(mask);
+                self.decompress(encoding, stored, kept * T::SIZE)?;
+                let mut numbers = Vec::with_capacity(kept);
+                join_differences(&self.planes, kept, &mut numbers);
+                values.resize(len, fill);
+                let mut numbers = numbers.into_iter();
+                mask::for_each_one(mask, |place| {
+                    if let (Some(value), Some(number)) = (values.get_mut(place), numbers.next()) {
+                        *value = number;
+                    }
+                });
+            }
         }
-    };
-    match encoding {
-        Encoding::Constant => {
-            expect(stored.len(), size)?;
-            Ok(vec![T::from_le(stored); len])
-        }
-        Encoding::Raw => {
-            expect(stored.len(), len * size)?;
-            Ok(stored.chunks_exact(size).map(T::from_le).collect())
-        }
-        Encoding::ShuffledZstd => {
-            let bytes = zstd::bulk::decompress(stored, len * size)
-                .map_err(|error| Error::Format(format!("zstd data is damaged: {error}")))?;
-            expect(bytes.len(), len * size)?;
-            Ok(unshuffle(&bytes, size).chunks_exact(size).map(T::from_le).collect())
-        }
+        Ok(())
+    }
+
+    fn decompress(&mut self, encoding: Encoding, stored: &[u8], expected: usize) -> Result<()> {
+        self.planes.clear();
+        self.planes.reserve(expected);
+        // One byte more would be told from none missing only by the frame's own length, which is hostile as well.
+        let found = self
+            .decompressor
+            .decompress_to_buffer(stored, &mut self.planes)
+            .map_err(|error| Error::Format(format!("zstd data is damaged: {error}")))?;
+        expect(encoding, found, expected)
     }
 }
 
+fn expect(encoding: Encoding, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Error::Format(format!("{encoding:?} data unpacks to {found} bytes where {expected} are expected")))
+    }
+}
+
+/// Byte planes of the numbers, or of their differences where the type has them.
 fn shuffle<T: LittleEndian>(values: &[T], planes: &mut Vec<u8>) {
+    planes.clear();
     planes.resize(size_of_val(values), 0);
+    if values.is_empty() {
+        return;
+    }
     for (index, plane) in planes.chunks_exact_mut(values.len()).enumerate() {
-        plane.iter_mut().zip(values).for_each(|(byte, value)| *byte = value.byte(index));
+        if T::HAS_DIFFERENCES {
+            plane[0] = values[0].difference(T::default()).byte(index);
+            plane[1..].iter_mut().zip(values.windows(2)).for_each(|(byte, pair)| {
+                *byte = pair[1].difference(pair[0]).byte(index);
+            });
+        } else {
+            plane.iter_mut().zip(values).for_each(|(byte, value)| *byte = value.byte(index));
+        }
     }
 }
 
-fn unshuffle(planes: &[u8], size: usize) -> Vec<u8> {
-    if size == 1 {
-        return planes.to_vec();
+fn join_differences<T: LittleEndian>(planes: &[u8], count: usize, values: &mut Vec<T>) {
+    let mut previous = T::default();
+    join_planes(
+        planes,
+        count,
+        |number: T| {
+            if T::HAS_DIFFERENCES {
+                previous = number.following(previous);
+                return previous;
+            }
+            number
+        },
+        values,
+    );
+}
+
+/// Appends `count` numbers, each put together from its bytes and then mapped.
+fn join_planes<T: LittleEndian>(planes: &[u8], count: usize, mut map: impl FnMut(T) -> T, values: &mut Vec<T>) {
+    let plane = |index: usize| &planes[index * count..(index + 1) * count];
+    match T::SIZE {
+        1 => values.extend(plane(0).iter().map(|&byte| map(T::from_le(&[byte])))),
+        2 => values.extend(plane(0).iter().zip(plane(1)).map(|(&low, &high)| map(T::from_le(&[low, high])))),
+        _ => values.extend((0..count).map(|at| {
+            let mut bytes = [0; 8];
+            (0..T::SIZE).for_each(|index| bytes[index] = planes[index * count + at]);
+            map(T::from_le(&bytes[..T::SIZE]))
+        })),
     }
-    let count = planes.len() / size;
-    let mut bytes = vec![0; planes.len()];
-    for (plane, values) in planes.chunks_exact(count.max(1)).enumerate() {
-        values.iter().zip(bytes[plane..].iter_mut().step_by(size)).for_each(|(&value, byte)| *byte = value);
-    }
-    bytes
 }
 
 #[cfg(test)]
@@ -117,7 +239,13 @@ mod tests {
     use super::*;
 
     fn pack<T: LittleEndian>(values: &[T]) -> Result<(Encoding, Vec<u8>)> {
-        Packer::new()?.pack(values)
+        Packer::new()?.pack(values, None)
+    }
+
+    fn unpack<T: LittleEndian>(encoding: Encoding, stored: &[u8], len: usize) -> Result<Vec<T>> {
+        let mut values = Vec::new();
+        Unpacker::new()?.unpack(encoding, stored, len, None, &mut values)?;
+        Ok(values)
     }
 
     #[test]
@@ -130,7 +258,7 @@ mod tests {
     #[test]
     fn a_frame_that_unpacks_to_more_is_refused() {
         let (encoding, stored) = pack(&(0..4000).collect::<Vec<u32>>()).expect("packs");
-        assert_eq!(encoding, Encoding::ShuffledZstd);
+        assert_eq!(encoding, Encoding::DeltaZstd);
         assert!(matches!(unpack::<u32>(encoding, &stored, 3999), Err(Error::Format(_))));
         assert!(matches!(unpack::<u32>(encoding, &stored, 4001), Err(Error::Format(_))));
     }
@@ -144,17 +272,42 @@ mod tests {
         };
         let mut packer = Packer::new().expect("a packer");
         for seed in [1, 2, 3, 50, 1, 999] {
-            assert_eq!(packer.pack(&brick(seed)).expect("packs"), pack(&brick(seed)).expect("packs"));
+            assert_eq!(packer.pack(&brick(seed), None).expect("packs"), pack(&brick(seed)).expect("packs"));
         }
+    }
+
+    #[test]
+    fn sparse_data_need_their_mask() {
+        let values: Vec<u16> = (0..999).map(|at| if at % 3 == 0 { 100 + at } else { 0 }).collect();
+        let bits = mask::of(&values, |value| value != 0);
+        let sparse = Some(Sparse { mask: &bits, fill: 0 });
+        let (encoding, stored) = Packer::new().expect("a packer").pack(&values, sparse).expect("packs");
+        assert_eq!(encoding, Encoding::SparseZstd);
+        let (mut unpacker, mut back) = (Unpacker::new().expect("an unpacker"), Vec::new());
+        unpacker.unpack(encoding, &stored, 999, sparse, &mut back).expect("unpacks");
+        assert_eq!(back, values);
+        let other = mask::of(&values, |value| value > 200);
+        for wrong in [None, Some(Sparse { mask: &other, fill: 0 }), Some(Sparse { mask: &bits[1..], fill: 0 })] {
+            assert!(matches!(unpacker.unpack(encoding, &stored, 999, wrong, &mut back), Err(Error::Format(_))));
+        }
+    }
+
+    fn survives<T: LittleEndian>(values: &[T]) -> bool {
+        let (encoding, stored) = pack(values).expect("packs");
+        let back = unpack::<T>(encoding, &stored, values.len()).expect("unpacks");
+        back.iter().zip(values).all(|(&a, &b)| a.is_same(b))
     }
 
     proptest! {
         #[test]
-        fn every_bit_survives(values in prop::collection::vec(any::<u32>(), 1..300)) {
-            let floats: Vec<f32> = values.iter().map(|&bits| f32::from_bits(bits)).collect();
-            let (encoding, stored) = pack(&floats).expect("packs");
-            let back = unpack::<f32>(encoding, &stored, floats.len()).expect("unpacks");
-            prop_assert!(back.iter().zip(&floats).all(|(a, b)| a.to_bits() == b.to_bits()));
+        fn every_bit_survives(values in prop::collection::vec(any::<u64>(), 1..300), shift in 0..64) {
+            let values: Vec<u64> = values.iter().map(|value| value >> shift).collect();
+            prop_assert!(survives(&values));
+            prop_assert!(survives(&values.iter().map(|&bits| bits as i8).collect::<Vec<_>>()));
+            prop_assert!(survives(&values.iter().map(|&bits| bits as u16).collect::<Vec<_>>()));
+            prop_assert!(survives(&values.iter().map(|&bits| bits as i32).collect::<Vec<_>>()));
+            prop_assert!(survives(&values.iter().map(|&bits| f32::from_bits(bits as u32)).collect::<Vec<_>>()));
+            prop_assert!(survives(&values.iter().map(|&bits| f64::from_bits(bits)).collect::<Vec<_>>()));
         }
     }
 }

@@ -5,7 +5,10 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::GridGeometry;
 use crate::histogram::HistogramShape;
 use crate::layer::{Layer, LayerKind, Quantization};
+use crate::levels::MOST_LEVELS;
 use crate::limits::Limits;
+use crate::quantization::{DistanceQuantization, HitGradientQuantization};
+use crate::scalar::ScalarType;
 use crate::{Error, Result};
 
 /// Where the volume came from.
@@ -56,8 +59,10 @@ pub struct Header {
     pub made_by: String,
     /// Where the volume came from.
     pub source: Source,
-    /// Where the voxels lie.
+    /// Where the voxels lie, on the finest level.
     pub geometry: GridGeometry,
+    /// How many levels of detail there are, from 1 on; see [`crate::levels`].
+    pub levels: u32,
     /// Settings, in the order of the command line's help.
     pub parameters: Vec<Parameter>,
     /// Figures of the run.
@@ -91,6 +96,9 @@ impl Header {
     /// [`Error::Format`] for a nonsensical number, [`Error::LimitsExceeded`] for one that asks for too much memory.
     pub fn validate(&self, limits: &Limits) -> Result<()> {
         self.geometry.validate()?;
+        if !(1..=MOST_LEVELS).contains(&self.levels) {
+            return Err(Error::Format(format!("{} levels of detail: expected 1 to {MOST_LEVELS}", self.levels)));
+        }
         let voxels = self.geometry.voxel_count() as u64;
         check("voxels", voxels, limits.max_voxels)?;
         for (index, layer) in self.layers.iter().enumerate() {
@@ -121,27 +129,27 @@ fn check(what: &'static str, found: u64, limit: u64) -> Result<()> {
 }
 
 fn validate_quantization(layer: &Layer) -> Result<()> {
-    use crate::scalar::ScalarType;
     let float = |value: f32| value.is_finite();
-    let usable = match (layer.kind, layer.quantization, layer.scalar_type) {
-        (LayerKind::Value, Quantization::Linear { slope, intercept }, _) => {
+    let usable = match (layer.kind, layer.quantization) {
+        (LayerKind::Value, Quantization::Linear { slope, intercept }) => {
             slope.is_finite() && slope != 0.0 && intercept.is_finite()
         }
-        (
-            LayerKind::GradientMagnitude | LayerKind::SecondDerivative,
-            Quantization::Linear { slope, intercept },
-            ScalarType::F32,
-        ) => slope == 1.0 && intercept == 0.0,
-        (LayerKind::Distance, Quantization::Distance(distance), ScalarType::I16) => {
-            float(distance.d_max) && distance.d_max > 0.0
+        (LayerKind::GradientMagnitude | LayerKind::SecondDerivative, Quantization::Linear { slope, intercept }) => {
+            layer.scalar_type == ScalarType::F32 && slope == 1.0 && intercept == 0.0
         }
-        (LayerKind::HitGradient, Quantization::HitGradient(hit), ScalarType::U16) => {
-            float(hit.low) && float(hit.high) && 0.0 <= hit.low && hit.low <= hit.high
+        (LayerKind::Distance, Quantization::Distance(DistanceQuantization { d_max, steps })) => {
+            let range = DistanceQuantization::FEWEST_STEPS..=DistanceQuantization::MOST_STEPS;
+            float(d_max) && d_max > 0.0 && range.contains(&steps)
         }
-        (LayerKind::Normal, Quantization::Octahedral, ScalarType::U16) => true,
+        (LayerKind::HitGradient, Quantization::HitGradient(HitGradientQuantization { low, high, steps })) => {
+            let range = HitGradientQuantization::FEWEST_STEPS..=HitGradientQuantization::MOST_STEPS;
+            float(low) && float(high) && 0.0 <= low && low <= high && range.contains(&steps)
+        }
+        (LayerKind::Normal, Quantization::Octahedral) => true,
         _ => false,
     };
-    if usable {
+    let typed = layer.quantization.scalar_type().is_none_or(|scalar_type| scalar_type == layer.scalar_type);
+    if usable && typed && layer.error_bound.is_finite() && layer.error_bound >= 0.0 {
         Ok(())
     } else {
         Err(Error::Format(format!("layer `{}` is described nonsensically: {layer:?}", layer.kind.name())))

@@ -3,11 +3,51 @@
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// Signed distance in 16 bits: `d = stored · d_max / 32766`; positive on the high-value side of the boundary.
+/// How many bits a stored distance or gradient magnitude has: from 8 to 16.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Precision(u8);
+
+impl Precision {
+    /// So many bits, or `None` unless from 8 to 16.
+    #[must_use]
+    pub fn new(bits: u8) -> Option<Self> {
+        (8..=16).contains(&bits).then_some(Self(bits))
+    }
+
+    /// The number of bits.
+    #[must_use]
+    pub fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// Whether a number is stored in one byte.
+    #[must_use]
+    pub fn is_one_byte(self) -> bool {
+        self.0 == 8
+    }
+
+    /// Codes of an unsigned number: 2 to the number of bits.
+    fn codes(self) -> u32 {
+        1 << self.0
+    }
+}
+
+impl Default for Precision {
+    fn default() -> Self {
+        Self(16)
+    }
+}
+
+/// Signed distance in whole steps: `d = stored · d_max / steps`; positive on the high-value side of the boundary.
+///
+/// In memory a stored number is an i16. Where [`Self::is_one_byte`], a file has i8 with its own two lowest numbers for what
+/// has no distance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DistanceQuantization {
     /// Largest distance, in world units; positive and finite.
     pub d_max: f32,
+    /// Largest stored magnitude, from 126 to 32766.
+    pub steps: u16,
 }
 
 impl DistanceQuantization {
@@ -15,21 +55,35 @@ impl DistanceQuantization {
     pub const NO_BOUNDARY: i16 = i16::MIN;
     /// Stored for a voxel whose stencil holds NaN or ±Inf.
     pub const MASKED: i16 = i16::MIN + 1;
-    /// Largest stored magnitude.
-    pub const STEPS: i16 = i16::MAX - 1;
+    /// Fewest steps that there may be.
+    pub const FEWEST_STEPS: u16 = 126;
+    /// Most steps that there may be.
+    pub const MOST_STEPS: u16 = 32766;
+
+    /// Steps of so many bits.
+    #[must_use]
+    pub fn new(d_max: f32, precision: Precision) -> Self {
+        Self { d_max, steps: (precision.codes() / 2 - 2) as u16 }
+    }
+
+    /// Whether every stored number fits one byte.
+    #[must_use]
+    pub fn is_one_byte(&self) -> bool {
+        self.steps == Self::FEWEST_STEPS
+    }
 
     /// Largest difference between a distance within `±d_max` and what is read back, in world units.
     #[must_use]
     pub fn error_bound(&self) -> f32 {
         // Half a step, and what the arithmetic in f32 rounds off: up to 1.6 % of that for numbers of 15 bits.
-        0.5 * self.d_max / f32::from(Self::STEPS) * 1.02
+        0.5 * self.d_max / f32::from(self.steps) * 1.02
     }
 
     /// The stored number for a distance; clamped to `±d_max`.
     #[must_use]
     #[inline]
     pub fn encode(&self, distance: f32) -> i16 {
-        let steps = f32::from(Self::STEPS);
+        let steps = f32::from(self.steps);
         rounded((distance / self.d_max * steps).clamp(-steps, steps)) as i16
     }
 
@@ -37,26 +91,57 @@ impl DistanceQuantization {
     #[must_use]
     #[inline]
     pub fn decode(&self, stored: i16) -> Option<f32> {
-        (stored >= -Self::STEPS).then(|| f32::from(stored) * (self.d_max / f32::from(Self::STEPS)))
+        (stored > Self::MASKED).then(|| f32::from(stored) * (self.d_max / f32::from(self.steps)))
     }
 }
 
-/// Gradient magnitude at the hit in 16 bits: 0 for no hit, else `low + (stored − 1)/65534 · (high − low)`.
+/// The one byte that a file has for a stored distance of at most 126 steps.
+#[must_use]
+#[inline]
+pub fn narrow_distance(stored: i16) -> i8 {
+    if stored <= DistanceQuantization::MASKED { (stored - i16::MIN) as i8 + i8::MIN } else { stored as i8 }
+}
+
+/// The stored distance of [`narrow_distance`].
+#[must_use]
+#[inline]
+pub fn widened_distance(byte: i8) -> i16 {
+    if byte <= i8::MIN + 1 { i16::from(byte - i8::MIN) + i16::MIN } else { i16::from(byte) }
+}
+
+/// Gradient magnitude at the hit in whole steps: 0 for no hit, else `low + (stored − 1)/steps · (high − low)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HitGradientQuantization {
     /// Smallest magnitude at any hit.
     pub low: f32,
     /// Largest magnitude at any hit.
     pub high: f32,
+    /// Steps from `low` to `high`, from 254 to 65534.
+    pub steps: u16,
 }
 
 impl HitGradientQuantization {
-    const STEPS: f32 = 65534.0;
+    /// Fewest steps that there may be.
+    pub const FEWEST_STEPS: u16 = 254;
+    /// Most steps that there may be.
+    pub const MOST_STEPS: u16 = 65534;
+
+    /// Steps of so many bits.
+    #[must_use]
+    pub fn new(low: f32, high: f32, precision: Precision) -> Self {
+        Self { low, high, steps: (precision.codes() - 2) as u16 }
+    }
+
+    /// Whether every stored number fits one byte.
+    #[must_use]
+    pub fn is_one_byte(&self) -> bool {
+        self.steps == Self::FEWEST_STEPS
+    }
 
     /// Largest difference between a magnitude within `low..=high` and what is read back.
     #[must_use]
     pub fn error_bound(&self) -> f32 {
-        0.5 * (self.high - self.low) / Self::STEPS + 3.0 * self.high * f32::EPSILON
+        0.5 * (self.high - self.low) / f32::from(self.steps) + 3.0 * self.high * f32::EPSILON
     }
 
     /// The stored number for a magnitude; clamped to `low..=high`.
@@ -65,7 +150,7 @@ impl HitGradientQuantization {
     pub fn encode(&self, magnitude: f32) -> u16 {
         let extent = self.high - self.low;
         let fraction = if extent > 0.0 { ((magnitude - self.low) / extent).clamp(0.0, 1.0) } else { 0.0 };
-        1 + rounded(fraction * Self::STEPS) as u16
+        1 + rounded(fraction * f32::from(self.steps)) as u16
     }
 
     /// The magnitude, or `None` where there is no hit.
@@ -73,7 +158,7 @@ impl HitGradientQuantization {
     #[inline]
     pub fn decode(&self, stored: u16) -> Option<f32> {
         let steps = f32::from(stored.checked_sub(1)?);
-        Some((self.high - self.low).mul_add(steps / Self::STEPS, self.low))
+        Some((self.high - self.low).mul_add(steps / f32::from(self.steps), self.low))
     }
 }
 
@@ -130,7 +215,7 @@ mod tests {
 
     #[test]
     fn distance_keeps_signs_and_sentinels_apart() {
-        let quantization = DistanceQuantization { d_max: 15.0 };
+        let quantization = DistanceQuantization::new(15.0, Precision::default());
         assert_eq!(quantization.decode(DistanceQuantization::NO_BOUNDARY), None);
         assert_eq!(quantization.decode(DistanceQuantization::MASKED), None);
         for end in [-15.0, 0.0, 15.0] {
@@ -139,8 +224,17 @@ mod tests {
     }
 
     #[test]
+    fn one_byte_has_its_own_numbers_for_no_distance() {
+        for stored in (-126..=126).chain([DistanceQuantization::NO_BOUNDARY, DistanceQuantization::MASKED]) {
+            assert_eq!(widened_distance(narrow_distance(stored)), stored);
+        }
+        assert_eq!(narrow_distance(DistanceQuantization::NO_BOUNDARY), -128);
+        assert_eq!(narrow_distance(DistanceQuantization::MASKED), -127);
+    }
+
+    #[test]
     fn the_middle_between_two_steps_is_within_the_bound() {
-        let quantization = DistanceQuantization { d_max: 179.281_31 };
+        let quantization = DistanceQuantization::new(179.281_31, Precision::default());
         let distance = 0.516_068_46 * quantization.d_max;
         let back = quantization.decode(quantization.encode(distance)).expect("a distance");
         assert!((back - distance).abs() <= quantization.error_bound());
@@ -148,7 +242,7 @@ mod tests {
 
     #[test]
     fn equal_hits_survive() {
-        let quantization = HitGradientQuantization { low: 0.5, high: 0.5 };
+        let quantization = HitGradientQuantization::new(0.5, 0.5, Precision::default());
         assert_eq!(quantization.decode(quantization.encode(0.5)), Some(0.5));
         assert_eq!(quantization.decode(0), None);
     }
@@ -166,18 +260,28 @@ mod tests {
 
     proptest! {
         #[test]
-        fn distance_error_is_bounded(d_max in 1e-3_f32..1e3, fraction in -1.0_f32..=1.0) {
-            let quantization = DistanceQuantization { d_max };
+        fn distance_error_is_bounded(d_max in 1e-3_f32..1e3, fraction in -1.0_f32..=1.0, bits in 8_u8..=16) {
+            let quantization = DistanceQuantization::new(d_max, Precision::new(bits).expect("8 to 16"));
             let distance = fraction * d_max;
-            let back = quantization.decode(quantization.encode(distance)).expect("a distance");
+            let stored = quantization.encode(distance);
+            let back = quantization.decode(stored).expect("a distance");
             prop_assert!((back - distance).abs() <= quantization.error_bound());
+            prop_assert!(bits > 8 || widened_distance(narrow_distance(stored)) == stored);
         }
 
         #[test]
-        fn hit_gradient_error_is_bounded(low in 0.0_f32..10.0, extent in 0.0_f32..1e6, fraction in 0.0_f32..=1.0) {
-            let quantization = HitGradientQuantization { low, high: low + extent };
+        fn hit_gradient_error_is_bounded(
+            low in 0.0_f32..10.0,
+            extent in 0.0_f32..1e6,
+            fraction in 0.0_f32..=1.0,
+            bits in 8_u8..=16,
+        ) {
+            let precision = Precision::new(bits).expect("8 to 16");
+            let quantization = HitGradientQuantization::new(low, low + extent, precision);
             let magnitude = (low + fraction * extent).min(quantization.high);
-            let back = quantization.decode(quantization.encode(magnitude)).expect("a magnitude");
+            let stored = quantization.encode(magnitude);
+            prop_assert!(bits > 8 || stored <= 255);
+            let back = quantization.decode(stored).expect("a magnitude");
             prop_assert!((back - magnitude).abs() <= quantization.error_bound());
         }
 

@@ -73,6 +73,14 @@ pub trait LittleEndian: Copy + Default + Send + Sync + 'static {
     fn byte(self, index: usize) -> u8;
     /// Whether all bytes are the same: NaNs by their payload, zeros by their sign.
     fn is_same(self, other: Self) -> bool;
+    /// Whether neighbours' differences are stored rather than the numbers: for integers of up to 32 bits, whose differences
+    /// are small where the numbers change slowly.
+    const HAS_DIFFERENCES: bool;
+    /// The difference from `previous`, its sign in the lowest bit (0, −1, 1, −2, … become 0, 1, 2, 3, …); of a type that
+    /// [has differences](Self::HAS_DIFFERENCES).
+    fn difference(self, previous: Self) -> Self;
+    /// The number that [`Self::difference`] makes `self` from.
+    fn following(self, previous: Self) -> Self;
 }
 
 /// A number that a layer can hold.
@@ -90,9 +98,10 @@ pub trait Scalar: LittleEndian + PartialOrd {
 }
 
 macro_rules! impl_little_endian {
-    ($($primitive:ty as $bits:ty),*) => {$(
+    ($primitive:ty as $bits:ty, $has_differences:literal, $difference:expr, $following:expr) => {
         impl LittleEndian for $primitive {
             const SIZE: usize = size_of::<Self>();
+            const HAS_DIFFERENCES: bool = $has_differences;
             fn append_le(values: &[Self], bytes: &mut Vec<u8>) {
                 let start = bytes.len();
                 bytes.resize(start + size_of_val(values), 0);
@@ -113,12 +122,44 @@ macro_rules! impl_little_endian {
             fn is_same(self, other: Self) -> bool {
                 <$bits>::from_ne_bytes(self.to_ne_bytes()) == <$bits>::from_ne_bytes(other.to_ne_bytes())
             }
+            #[inline]
+            fn difference(self, previous: Self) -> Self {
+                $difference(self, previous)
+            }
+            #[inline]
+            fn following(self, previous: Self) -> Self {
+                $following(self, previous)
+            }
         }
+    };
+}
+macro_rules! impl_integer {
+    ($($primitive:ty as $unsigned:ty as $signed:ty),*) => {$(
+        impl_little_endian!(
+            $primitive as $unsigned,
+            true,
+            |number: $primitive, previous: $primitive| {
+                let difference = number.wrapping_sub(previous) as $signed;
+                ((difference << 1) ^ (difference >> (<$signed>::BITS - 1))) as $primitive
+            },
+            |number: $primitive, previous: $primitive| {
+                let folded = number as $unsigned;
+                previous.wrapping_add(((folded >> 1) ^ (folded & 1).wrapping_neg()) as $primitive)
+            }
+        );
     )*};
 }
-impl_little_endian!(
-    u8 as u8, i8 as u8, u16 as u16, i16 as u16, u32 as u32, i32 as u32, f32 as u32, u64 as u64, f64 as u64
+impl_integer!(
+    u8 as u8 as i8,
+    i8 as u8 as i8,
+    u16 as u16 as i16,
+    i16 as u16 as i16,
+    u32 as u32 as i32,
+    i32 as u32 as i32
 );
+impl_little_endian!(f32 as u32, false, |number, _| number, |number, _| number);
+impl_little_endian!(u64 as u64, false, |number, _| number, |number, _| number);
+impl_little_endian!(f64 as u64, false, |number, _| number, |number, _| number);
 
 macro_rules! impl_scalar {
     ($($primitive:ty => $code:ident),*) => {$(
@@ -175,6 +216,29 @@ macro_rules! with_scalars {
             $crate::Scalars::F64($values) => $body,
         }
     };
+}
+
+/// Runs an expression with a name for the type of number that a [`ScalarType`] stands for.
+#[macro_export]
+macro_rules! with_scalar_type {
+    ($scalar_type:expr, $name:ident => $body:expr) => {{
+        macro_rules! with {
+            ($primitive:ty) => {{
+                type $name = $primitive;
+                $body
+            }};
+        }
+        match $scalar_type {
+            $crate::ScalarType::U8 => with!(u8),
+            $crate::ScalarType::I8 => with!(i8),
+            $crate::ScalarType::U16 => with!(u16),
+            $crate::ScalarType::I16 => with!(i16),
+            $crate::ScalarType::U32 => with!(u32),
+            $crate::ScalarType::I32 => with!(i32),
+            $crate::ScalarType::F32 => with!(f32),
+            $crate::ScalarType::F64 => with!(f64),
+        }
+    }};
 }
 
 impl Scalars {

@@ -14,13 +14,14 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use crate::compression::{self, Packer};
-use crate::directory::{BrickEntry, Extent};
-use crate::writer::PackedBrick;
+use crate::compression::{Packer, Unpacker};
+use crate::directory::Extent;
+use crate::packed_brick::PackedBrick;
+use crate::value_range::ValueRange;
 use crate::{Error, Result, atomic_file, codec};
 
 /// How the file begins; the digit is its version.
-const MAGIC: [u8; 8] = *b"VXRPART1";
+const MAGIC: [u8; 8] = *b"VXRPART2";
 /// The mark, both fingerprints, and the numbers' count and CRC-32.
 const HEAD_BYTES: usize = 80;
 /// Most numbers that are kept of an input.
@@ -162,6 +163,13 @@ struct Record {
     count: u32,
 }
 
+/// A brick in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct BrickEntry {
+    extent: Extent,
+    range: Option<ValueRange>,
+}
+
 /// A packer, of which there is nothing to show.
 struct PackerDebug(Packer);
 
@@ -220,7 +228,7 @@ impl Unfinished {
     /// # Errors
     /// [`Error::Io`]; what was added before is still there.
     pub fn append(&mut self, block: usize, layers: &[Vec<PackedBrick>], numbers: &[u64]) -> Result<()> {
-        let (encoding, packed) = self.packer.0.pack(numbers)?;
+        let (encoding, packed) = self.packer.0.pack(numbers, None)?;
         let numbers_crc = crc32fast::hash(&packed);
         let mut record = Record {
             block: block as u32,
@@ -277,7 +285,9 @@ impl Unfinished {
     /// [`Error::Io`], [`Error::Format`], [`Error::Parameter`] for a block that is not finished.
     pub fn numbers(&self, block: usize) -> Result<Vec<u64>> {
         let record = self.record(block)?;
-        compression::unpack(record.numbers.encoding, &self.read(record.numbers)?, record.count as usize)
+        let (stored, mut numbers) = (self.read(record.numbers)?, Vec::new());
+        Unpacker::new()?.unpack(record.numbers.encoding, &stored, record.count as usize, None, &mut numbers)?;
+        Ok(numbers)
     }
 
     /// Brick `brick` of layer `layer` of a block, in the order that they were added in.

@@ -39,6 +39,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::quantization::Precision;
     use crate::{DistanceQuantization, HitGradientQuantization};
 
     fn plain<T: Scalar>(stored: &[T], quantization: &Quantization) -> Option<ValueRange> {
@@ -59,10 +60,10 @@ mod tests {
             let floats: Vec<f64> = bits.iter().map(|&bits| f64::from_bits(bits)).collect();
             prop_assert_eq!(ValueRange::of(&floats, &linear), plain(&floats, &linear));
             let codes: Vec<i16> = bits.iter().map(|&bits| bits as i16).chain([i16::MIN, i16::MIN + 1]).collect();
-            let distance = Quantization::Distance(DistanceQuantization { d_max });
+            let distance = Quantization::Distance(DistanceQuantization::new(d_max, Precision::default()));
             prop_assert_eq!(ValueRange::of(&codes, &distance), plain(&codes, &distance));
             let codes: Vec<u16> = bits.iter().map(|&bits| bits as u16).chain([0, 0]).collect();
-            let hit = Quantization::HitGradient(HitGradientQuantization { low: 0.5, high: 0.5 + d_max });
+            let hit = Quantization::HitGradient(HitGradientQuantization::new(0.5, 0.5 + d_max, Precision::default()));
             prop_assert_eq!(ValueRange::of(&codes, &hit), plain(&codes, &hit));
             prop_assert_eq!(ValueRange::of(&codes, &Quantization::Octahedral), None);
         }

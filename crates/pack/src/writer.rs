@@ -1,24 +1,25 @@
 //! Writes a packed file, layer by layer.
 
 use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
 
 use crate::atomic_file::AtomicFile;
 use crate::brick::BrickGrid;
-use crate::codec::{self, MAX_DIRECTORY_BYTES, MAX_HEADER_BYTES};
-use crate::compression::{self, Encoding, Packer, all_same};
-use crate::directory::{BrickEntry, Directory, Extent};
+use crate::codec::{self, MAX_HEADER_BYTES};
+use crate::compression::{Encoding, Packer};
+use crate::directory::{ENTRY_BYTES, Entry, Extent, Order, Place, Table};
+use crate::error::vec_with_capacity;
 use crate::geometry::GridGeometry;
 use crate::header::{Header, Parameter, Source, Statistics};
 use crate::histogram::{Histogram, HistogramShape};
-use crate::layer::{Layer, Quantization};
+use crate::layer::Layer;
+use crate::levels::MOST_LEVELS;
+use crate::packed_brick::{LayerPacker, PackedBrick, PackedLayerBrick, Workbenches};
 use crate::prologue::{PROLOGUE_BYTES, Prologue, TableExtent};
-use crate::reused::Reused;
+use crate::pyramid::Pyramid;
 use crate::scalar::{LittleEndian, Scalar};
-use crate::value_range::ValueRange;
 use crate::{Error, Limits, Result};
 
 /// Bricks that are compressed at once: bounds the memory in flight whatever the number of threads.
@@ -29,9 +30,16 @@ pub struct Writer {
     file: BufWriter<AtomicFile>,
     position: u64,
     geometry: GridGeometry,
+    levels: usize,
     layers: Vec<Layer>,
     histograms: Vec<HistogramShape>,
-    directory: Directory,
+    /// Per layer and level, in the order of the level's bricks.
+    layer_entries: Vec<Vec<Vec<Entry>>>,
+    /// Per level; empty without a layer of distances.
+    mask_entries: Vec<Vec<Entry>>,
+    /// Per level, the CRC-32 of every mask's bits.
+    masks: Vec<Vec<u32>>,
+    histogram_entries: Vec<Entry>,
 }
 
 impl Write for AtomicFile {
@@ -57,26 +65,35 @@ pub struct Description {
 }
 
 impl Writer {
-    /// Starts a file.
+    /// Starts a file of so many levels of detail: see [`crate::levels::usual_levels`].
     ///
     /// # Errors
-    /// [`Error::Format`] for an unusable geometry, [`Error::Io`] when the folder cannot be written to.
-    pub fn create(path: &Path, geometry: GridGeometry) -> Result<Self> {
+    /// [`Error::Format`] for an unusable geometry, [`Error::Parameter`] for less than one level or more than 16, [`Error::Io`]
+    /// when the folder cannot be written to.
+    pub fn create(path: &Path, geometry: GridGeometry, levels: u32) -> Result<Self> {
         geometry.validate()?;
+        if !(1..=MOST_LEVELS).contains(&levels) {
+            return Err(Error::Parameter(format!("{levels} levels of detail: expected 1 to {MOST_LEVELS}")));
+        }
         let file = AtomicFile::create(path).map_err(Error::io("creating the packed file"))?;
         let mut writer = Self {
             file: BufWriter::with_capacity(1 << 20, file),
             position: 0,
             geometry,
+            levels: levels as usize,
             layers: Vec::new(),
             histograms: Vec::new(),
-            directory: Directory::default(),
+            layer_entries: Vec::new(),
+            mask_entries: Vec::new(),
+            masks: vec![Vec::new(); levels as usize],
+            histogram_entries: Vec::new(),
         };
         writer.append(&[0; PROLOGUE_BYTES])?;
         Ok(writer)
     }
 
-    /// Adds a layer; `values` are all voxels as stored, x fastest.
+    /// Adds a layer; `values` are all voxels as stored, x fastest. Layers that have numbers only at boundaries are smallest
+    /// behind the layer of distances.
     ///
     /// # Errors
     /// [`Error::Parameter`] when the layer's type or length does not fit, [`Error::Io`] when writing fails.
@@ -105,16 +122,17 @@ impl Writer {
                 layer.scalar_type.name()
             )));
         }
-        let packer = LayerPacker::new(&layer, self.geometry.dims_usize(), values, encode);
-        let mut entries = Vec::with_capacity(packer.grid.len());
-        for first in (0..packer.grid.len()).step_by(BRICKS_IN_FLIGHT) {
-            for brick in packer.pack(first..(first + BRICKS_IN_FLIGHT).min(packer.grid.len()))? {
-                entries.push(self.append_brick(&brick)?);
+        let (masks, workbenches) = (self.masks[0].clone(), Workbenches::default());
+        let grid = BrickGrid::new(self.geometry.dims_usize());
+        let packer = LayerPacker { layer: &layer, grid, values, encode, masks: &masks };
+        let mut parts = LayerParts::new(self, &layer);
+        for first in (0..grid.len()).step_by(BRICKS_IN_FLIGHT) {
+            let bricks = packer.pack(first..(first + BRICKS_IN_FLIGHT).min(grid.len()), &workbenches)?;
+            for (brick, place) in bricks.into_iter().zip(first..) {
+                self.append_layer_brick(&mut parts, 0, place, brick)?;
             }
         }
-        self.layers.push(layer);
-        self.directory.layers.push(entries);
-        Ok(())
+        self.add_layer(parts)
     }
 
     /// Adds a layer whose bricks are packed already; they come in the order of the grid, x fastest.
@@ -122,22 +140,73 @@ impl Writer {
     /// # Errors
     /// [`Error::Parameter`] when there are more or fewer of them than the grid has, [`Error::Io`] when writing fails, and
     /// whatever a brick comes with.
-    pub fn write_packed_layer(
+    pub fn write_packed_layer<T: Scalar>(
         &mut self,
-        layer: Layer,
-        bricks: impl IntoIterator<Item = Result<PackedBrick>>,
+        layer: &Layer,
+        bricks: impl IntoIterator<Item = Result<PackedLayerBrick<T>>>,
     ) -> Result<()> {
         let expected = BrickGrid::new(self.geometry.dims_usize()).len();
-        let mut entries = Vec::with_capacity(expected);
+        let mut parts = LayerParts::new(self, layer);
+        let mut found = 0;
         for brick in bricks {
-            entries.push(self.append_brick(&brick?)?);
+            if found < expected {
+                self.append_layer_brick(&mut parts, 0, found, brick?)?;
+            }
+            found += 1;
         }
-        if entries.len() != expected {
-            let (name, found) = (layer.kind.name(), entries.len());
+        if found != expected {
+            let name = layer.kind.name();
             return Err(Error::Parameter(format!("layer `{name}`: {found} bricks given, {expected} expected")));
         }
-        self.layers.push(layer);
-        self.directory.layers.push(entries);
+        self.add_layer(parts)
+    }
+
+    /// CRC-32 of the masks of the finest level: what bricks of layers behind the distances are packed with.
+    #[must_use]
+    pub fn masks(&self) -> &[u32] {
+        &self.masks[0]
+    }
+
+    /// Writes a brick, and those of coarser levels that it completes.
+    fn append_layer_brick<T: Scalar>(
+        &mut self,
+        parts: &mut LayerParts<'_, T>,
+        level: usize,
+        place: usize,
+        packed: PackedLayerBrick<T>,
+    ) -> Result<()> {
+        let PackedLayerBrick { brick, mask, coarse } = packed;
+        if let Some(mask) = mask {
+            let entry = self.append_brick(&mask.brick)?;
+            parts.mask_entries[level].push(entry);
+            parts.masks[level].push(mask.bits_crc32);
+        }
+        let entry = self.append_brick(&brick)?;
+        parts.entries[level].push(entry);
+        let Some(slab) = parts.pyramid.slab(level + 1) else { return Ok(()) };
+        if !slab.take(place, &coarse) {
+            return Ok(());
+        }
+        let (grid, first) = (BrickGrid::new(slab.dims()), slab.first_brick());
+        let masks = self.masks[level + 1].get(first..first + grid.len()).unwrap_or_default();
+        let packer = LayerPacker { layer: parts.layer, grid, values: slab.values(), encode: |value| value, masks };
+        let bricks = packer.pack(0..grid.len(), &parts.workbenches)?;
+        for (brick, place) in bricks.into_iter().zip(first..) {
+            self.append_layer_brick(parts, level + 1, place, brick)?;
+        }
+        Ok(())
+    }
+
+    fn add_layer<T>(&mut self, parts: LayerParts<'_, T>) -> Result<()> {
+        if !parts.masks[0].is_empty() {
+            if !self.mask_entries.is_empty() {
+                return Err(Error::Parameter("a second layer of distances".into()));
+            }
+            self.masks = parts.masks;
+            self.mask_entries = parts.mask_entries;
+        }
+        self.layers.push(parts.layer.clone());
+        self.layer_entries.push(parts.entries);
         Ok(())
     }
 
@@ -156,11 +225,14 @@ impl Writer {
                 )));
             }
         }
-        let packed: Vec<_> =
-            histograms.par_iter().map(|histogram| Packer::new()?.pack(&histogram.counts)).collect::<Result<_>>()?;
+        let packed: Vec<_> = histograms
+            .par_iter()
+            .map(|histogram| Packer::new()?.pack(&histogram.counts, None))
+            .collect::<Result<_>>()?;
         for (histogram, (encoding, bytes)) in histograms.into_iter().zip(packed) {
-            let extent = self.append_extent(encoding, &bytes, crc32fast::hash(&bytes))?;
-            self.directory.histograms.push(extent);
+            let brick = PackedBrick { crc32: crc32fast::hash(&bytes), encoding, bytes, range: None };
+            let entry = self.append_brick(&brick)?;
+            self.histogram_entries.push(entry);
             self.histograms.push(histogram.shape);
         }
         Ok(())
@@ -176,14 +248,15 @@ impl Writer {
             made_by: description.made_by,
             source: description.source,
             geometry: self.geometry.clone(),
+            levels: self.levels as u32,
             parameters: description.parameters,
             statistics: description.statistics,
             layers: std::mem::take(&mut self.layers),
             histograms: std::mem::take(&mut self.histograms),
         };
         header.validate(&Limits::default())?;
+        let directory = self.directory(&Order::new(&header))?;
         let header = self.append_table(&codec::encode::<_, MAX_HEADER_BYTES>(&header, "the header")?)?;
-        let directory = codec::encode::<_, MAX_DIRECTORY_BYTES>(&self.directory, "the directory")?;
         let directory = self.append_table(&directory)?;
         let prologue = Prologue { file_bytes: self.position, header, directory };
 
@@ -195,6 +268,22 @@ impl Writer {
         Ok(prologue.file_bytes)
     }
 
+    /// The directory's bytes.
+    fn directory(&self, order: &Order) -> Result<Vec<u8>> {
+        let mut bytes = vec_with_capacity(order.len() * ENTRY_BYTES, "the directory")?;
+        for level in 0..self.levels {
+            for table in order.tables() {
+                let entries = match table {
+                    Table::Mask => &self.mask_entries[level],
+                    Table::Layer(layer) => &self.layer_entries[layer][level],
+                };
+                bytes.extend(entries.iter().flat_map(Entry::to_bytes));
+            }
+        }
+        bytes.extend(self.histogram_entries.iter().flat_map(Entry::to_bytes));
+        Ok(bytes)
+    }
+
     fn append(&mut self, bytes: &[u8]) -> Result<u64> {
         let offset = self.position;
         self.file.write_all(bytes).map_err(Error::io("writing the packed file"))?;
@@ -202,13 +291,16 @@ impl Writer {
         Ok(offset)
     }
 
-    fn append_brick(&mut self, brick: &PackedBrick) -> Result<BrickEntry> {
-        Ok(BrickEntry { extent: self.append_extent(brick.encoding, &brick.bytes, brick.crc32)?, range: brick.range })
-    }
-
-    fn append_extent(&mut self, encoding: Encoding, bytes: &[u8], crc32: u32) -> Result<Extent> {
-        let TableExtent { offset, bytes: stored_bytes, crc32 } = self.append_section(bytes, crc32)?;
-        Ok(Extent { offset, stored_bytes, crc32, encoding })
+    fn append_brick(&mut self, brick: &PackedBrick) -> Result<Entry> {
+        let place = if brick.encoding == Encoding::Constant {
+            let mut number = [0; 8];
+            number[..brick.bytes.len()].copy_from_slice(&brick.bytes);
+            Place::Constant(number)
+        } else {
+            let TableExtent { offset, bytes: stored_bytes, crc32 } = self.append_section(&brick.bytes, brick.crc32)?;
+            Place::Stored(Extent { offset, stored_bytes, crc32, encoding: brick.encoding })
+        };
+        Ok(Entry { place, range: brick.range })
     }
 
     fn append_table(&mut self, bytes: &[u8]) -> Result<TableExtent> {
@@ -222,119 +314,25 @@ impl Writer {
     }
 }
 
-/// A brick, ready to be written.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PackedBrick {
-    /// How `bytes` are to be unpacked.
-    pub encoding: Encoding,
-    /// The stored bytes.
-    pub bytes: Vec<u8>,
-    /// Their CRC-32.
-    pub crc32: u32,
-    /// Range of the physical values, or `None` if no voxel has one.
-    pub range: Option<ValueRange>,
+/// A layer on its way into the file.
+struct LayerParts<'a, T> {
+    layer: &'a Layer,
+    pyramid: Pyramid<T>,
+    workbenches: Workbenches<T>,
+    entries: Vec<Vec<Entry>>,
+    mask_entries: Vec<Vec<Entry>>,
+    masks: Vec<Vec<u32>>,
 }
 
-impl PackedBrick {
-    /// The `len` numbers of the brick.
-    ///
-    /// # Errors
-    /// [`Error::Format`] when the bytes are damaged.
-    pub fn unpack<T: LittleEndian>(&self, len: usize) -> Result<Vec<T>> {
-        compression::unpack(self.encoding, &self.bytes, len)
-    }
-}
-
-/// Packs all bricks of a layer of a block of `dims` voxels, in the order of its grid: `encode` of `values`, x fastest. A
-/// volume's block that begins at multiples of [`crate::brick::BRICK_EDGE`] has the same bricks as the volume.
-///
-/// # Errors
-/// [`Error::Io`] when zstd fails.
-///
-/// # Panics
-/// When there are fewer values than voxels.
-pub fn pack_bricks<S: LittleEndian, T: Scalar>(
-    layer: &Layer,
-    dims: [usize; 3],
-    values: &[S],
-    encode: impl Fn(S) -> T + Copy + Sync,
-) -> Result<Vec<PackedBrick>> {
-    let packer = LayerPacker::new(layer, dims, values, encode);
-    packer.pack(0..packer.grid.len())
-}
-
-/// Packs single bricks, on any thread.
-#[derive(Default)]
-pub struct BrickPacker<T>(Reused<Workbench<T>>);
-
-impl<T: Scalar> BrickPacker<T> {
-    /// Packs a brick of a layer: `encode` of all its values, x fastest.
-    ///
-    /// # Errors
-    /// [`Error::Io`] when zstd fails.
-    pub fn pack<S: LittleEndian>(&self, layer: &Layer, values: &[S], encode: impl Fn(S) -> T) -> Result<PackedBrick> {
-        self.0.lend(Workbench::new, |workbench| {
-            workbench.stored.clear();
-            workbench.stored.extend(values.iter().map(|&value| encode(value)));
-            workbench.pack(&layer.quantization)
-        })?
-    }
-}
-
-/// Packs the bricks of a layer on every thread.
-struct LayerPacker<'a, S, T, E> {
-    grid: BrickGrid,
-    quantization: Quantization,
-    values: &'a [S],
-    encode: E,
-    workbenches: Reused<Workbench<T>>,
-}
-
-impl<'a, S: LittleEndian, T: Scalar, E: Fn(S) -> T + Copy + Sync> LayerPacker<'a, S, T, E> {
-    fn new(layer: &Layer, dims: [usize; 3], values: &'a [S], encode: E) -> Self {
-        let workbenches = Reused::default();
-        Self { grid: BrickGrid::new(dims), quantization: layer.quantization, values, encode, workbenches }
-    }
-
-    fn pack(&self, bricks: Range<usize>) -> Result<Vec<PackedBrick>> {
-        let packed = |brick: usize| -> Result<PackedBrick> {
-            self.workbenches.lend(Workbench::new, |workbench| {
-                workbench.gather(&self.grid, brick, self.values, self.encode);
-                workbench.pack(&self.quantization)
-            })?
-        };
-        // Bricks differ too much in work for more than one to be taken at a time.
-        bricks.into_par_iter().with_max_len(1).map(packed).collect()
-    }
-}
-
-/// What one thread needs to pack bricks.
-struct Workbench<T> {
-    packer: Packer,
-    /// The brick's numbers, or a single one where they are all the same.
-    stored: Vec<T>,
-}
-
-impl<T: Scalar> Workbench<T> {
-    fn new() -> Result<Self> {
-        Ok(Self { packer: Packer::new()?, stored: Vec::new() })
-    }
-
-    fn gather<S: LittleEndian>(&mut self, grid: &BrickGrid, brick: usize, values: &[S], encode: impl Fn(S) -> T) {
-        self.stored.clear();
-        let first = grid.rows(brick).next().map(|row| values[row.start]);
-        if let Some(first) = first.filter(|&first| grid.rows(brick).all(|row| all_same(&values[row], first))) {
-            self.stored.push(encode(first));
-            return;
+impl<'a, T: Scalar> LayerParts<'a, T> {
+    fn new(writer: &Writer, layer: &'a Layer) -> Self {
+        Self {
+            layer,
+            pyramid: Pyramid::new(writer.geometry.dims_usize(), writer.levels),
+            workbenches: Workbenches::default(),
+            entries: vec![Vec::new(); writer.levels],
+            mask_entries: vec![Vec::new(); writer.levels],
+            masks: vec![Vec::new(); writer.levels],
         }
-        for row in grid.rows(brick) {
-            self.stored.extend(values[row].iter().map(|&value| encode(value)));
-        }
-    }
-
-    fn pack(&mut self, quantization: &Quantization) -> Result<PackedBrick> {
-        let range = ValueRange::of(&self.stored, quantization);
-        let (encoding, bytes) = self.packer.pack(&self.stored)?;
-        Ok(PackedBrick { crc32: crc32fast::hash(&bytes), encoding, bytes, range })
     }
 }

@@ -4,14 +4,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
+use voxrole_pack::directory::{Encoding, Place};
 use voxrole_pack::header::{Parameter, Source, Statistics};
 use voxrole_pack::histogram::HistogramShape;
 use voxrole_pack::layer::Quantization;
 use voxrole_pack::prologue::{PROLOGUE_BYTES, Prologue};
+use voxrole_pack::quantization::narrow_distance;
 use voxrole_pack::writer::Description;
 use voxrole_pack::{
     DistanceQuantization, Error, GridGeometry, Histogram, HistogramAxis, HistogramKind, HitGradientQuantization, Layer,
-    LayerKind, Limits, Reader, ScalarType, Scalars, Writer, with_scalars,
+    LayerKind, Limits, Precision, Reader, ScalarType, Scalars, Writer, with_scalars,
 };
 
 const DIMS: [u32; 3] = [35, 34, 3];
@@ -36,6 +38,33 @@ fn sample(scalar_type: ScalarType) -> Sample {
     }
 }
 
+/// Numbers where there is a boundary and nowhere else, as a run writes them; one voxel is masked.
+fn consistent_sample() -> Sample {
+    let voxels = 0..DIMS.iter().product::<u32>();
+    let is_hit = |voxel: &u32| voxel % 5 < 2 && *voxel > 40;
+    let only = |number: fn(u32) -> u16, none: u16| {
+        voxels.clone().map(|voxel| if is_hit(&voxel) { number(voxel) } else { none }).collect::<Vec<u16>>()
+    };
+    let distance = only(|voxel| (voxel * 31 % 20_000) as u16, i16::MIN as u16);
+    let mut distance: Vec<i16> = distance.into_iter().map(|bits| bits as i16).collect();
+    distance[40] = DistanceQuantization::MASKED;
+    Sample {
+        distance,
+        hit_gradient: only(|voxel| 1 + voxel as u16, 0),
+        normal: only(|voxel| voxel as u16 & 0x7f7f, 0x8080),
+        ..sample(ScalarType::U16)
+    }
+}
+
+/// Every `2^level`-th voxel along each axis.
+fn every<T: Copy>(values: &[T], level: usize) -> Vec<T> {
+    let [nx, ny, nz] = DIMS.map(|dim| dim as usize);
+    let place = |i: usize, j: usize, k: usize| (k * ny + j) * nx + i;
+    let step = 1 << level;
+    let rows = (0..nz).step_by(step).flat_map(|k| (0..ny).step_by(step).map(move |j| (j, k)));
+    rows.flat_map(|(j, k)| (0..nx).step_by(step).map(move |i| values[place(i, j, k)])).collect()
+}
+
 fn description() -> Description {
     Description {
         made_by: "test 1".into(),
@@ -53,23 +82,19 @@ fn histogram() -> Histogram {
     }
 }
 
-fn layer(kind: LayerKind, scalar_type: ScalarType, quantization: Quantization) -> Layer {
-    Layer { kind, scalar_type, quantization }
-}
-
 fn write(path: &Path, sample: &Sample) -> u64 {
     let geometry = GridGeometry::axis_aligned(DIMS, [1.0, 1.0, 2.5]);
-    let mut writer = Writer::create(path, geometry).expect("creates");
+    let mut writer = Writer::create(path, geometry, 3).expect("creates");
     let linear = Quantization::Linear { slope: 2.0, intercept: -1.0 };
     with_scalars!(&sample.scalars, values => {
-        let value = layer(LayerKind::Value, sample.scalars.scalar_type(), linear);
+        let value = Layer::new(LayerKind::Value, sample.scalars.scalar_type(), linear);
         writer.write_layer(value, values).expect("writes");
     });
-    let distance = Quantization::Distance(DistanceQuantization { d_max: 15.0 });
-    writer.write_layer(layer(LayerKind::Distance, ScalarType::I16, distance), &sample.distance).expect("writes");
-    let hit = Quantization::HitGradient(HitGradientQuantization { low: 1.0, high: 2.0 });
-    writer.write_layer(layer(LayerKind::HitGradient, ScalarType::U16, hit), &sample.hit_gradient).expect("writes");
-    let normal = layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral);
+    let distance = Quantization::Distance(DistanceQuantization::new(15.0, Precision::default()));
+    writer.write_layer(Layer::new(LayerKind::Distance, ScalarType::I16, distance), &sample.distance).expect("writes");
+    let hit = Quantization::HitGradient(HitGradientQuantization::new(1.0, 2.0, Precision::default()));
+    writer.write_layer(Layer::new(LayerKind::HitGradient, ScalarType::U16, hit), &sample.hit_gradient).expect("writes");
+    let normal = Layer::new(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral);
     writer.write_layer(normal, &sample.normal).expect("writes");
     writer.write_histograms(vec![histogram()]).expect("writes");
     writer.finish(description()).expect("finishes")
@@ -102,6 +127,93 @@ fn every_type_survives_exactly() {
 }
 
 #[test]
+fn levels_have_every_second_voxel_of_the_one_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sample.vxr");
+    for expected in [sample(ScalarType::U16), consistent_sample()] {
+        write(&path, &expected);
+        let reader = Reader::open(&path).expect("opens");
+        reader.verify().expect("is sound");
+        let Scalars::U16(values) = &expected.scalars else { panic!("made so") };
+        for level in 0..reader.levels() {
+            let geometry = reader.geometry(level).expect("is there");
+            assert_eq!(geometry.dims, DIMS.map(|dim| dim.div_ceil(1 << level)));
+            assert_eq!(reader.read_value_level(level).expect("reads").0, Scalars::U16(every(values, level)));
+            assert_eq!(reader.read_distance(level).expect("reads"), every(&expected.distance, level));
+            assert_eq!(reader.read_hit_gradient(level).expect("reads"), every(&expected.hit_gradient, level));
+            let normals = reader.read_level::<u16>(LayerKind::Normal, level).expect("reads");
+            assert_eq!(normals, every(&expected.normal, level));
+        }
+        assert_eq!(reader.levels(), 3);
+        assert!(reader.geometry(3).expect_err("is not there").to_string().contains("no level 3"));
+    }
+}
+
+#[test]
+fn hits_alone_are_stored_where_layers_agree() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sample.vxr");
+    write(&path, &consistent_sample());
+    let reader = Reader::open(&path).expect("opens");
+    let encoding = |kind, brick| match reader.brick_entry(kind, 0, brick).expect("is there").place {
+        Place::Stored(extent) => extent.encoding,
+        Place::Constant(_) => Encoding::Constant,
+    };
+    // Distances of the brick that has the masked voxel, the second of the lowest row, have two numbers for none.
+    assert_eq!(encoding(LayerKind::Distance, 0), Encoding::DeltaZstd);
+    for kind in [LayerKind::HitGradient, LayerKind::Normal] {
+        assert_eq!(encoding(kind, 0), Encoding::SparseZstd);
+    }
+    assert_eq!(encoding(LayerKind::Distance, 2), Encoding::SparseZstd);
+}
+
+#[test]
+fn regions_and_bricks_are_parts_of_layers() {
+    let (_folder, path) = written(ScalarType::U8);
+    let (reader, expected) = (Reader::open(&path).expect("opens"), sample(ScalarType::U8));
+    let [nx, ny, nz] = DIMS.map(|dim| dim as usize);
+    for [x, y, z] in [[0..nx, 0..ny, 0..nz], [30..34, 31..33, 1..2], [34..35, 0..1, 2..3], [0..1, 33..34, 0..3]] {
+        let region =
+            reader.read_region::<i16>(LayerKind::Distance, 0, [x.clone(), y.clone(), z.clone()]).expect("reads");
+        let rows = z.flat_map(|k| y.clone().map(move |j| (k * ny + j) * nx));
+        let whole: Vec<i16> = rows.flat_map(|row| expected.distance[row + x.start..row + x.end].to_vec()).collect();
+        assert_eq!(region, whole);
+    }
+    let brick = reader.read_brick::<u16>(LayerKind::Normal, 0, 3).expect("reads");
+    assert_eq!(brick, vec![0x8080; 3 * 2 * 3]);
+    for range in [[0..nx + 1, 0..1, 0..1], [0..1, 5..5, 0..1]] {
+        assert!(matches!(reader.read_region::<i16>(LayerKind::Distance, 0, range), Err(Error::Parameter(_))));
+    }
+    assert!(matches!(reader.read_brick::<u16>(LayerKind::Normal, 0, 4), Err(Error::Parameter(_))));
+}
+
+#[test]
+fn one_byte_holds_a_distance_and_a_gradient() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sample.vxr");
+    let precision = Precision::new(8).expect("8 to 16");
+    let voxels = DIMS.iter().product::<u32>() as i32;
+    let codes = [DistanceQuantization::NO_BOUNDARY, DistanceQuantization::MASKED];
+    let distance: Vec<i16> = (0..voxels)
+        .map(|voxel| if voxel % 9 < 2 { codes[voxel as usize % 9] } else { (voxel % 253 - 126) as i16 })
+        .collect();
+    let magnitude: Vec<u8> = (0..voxels).map(|voxel| voxel as u8).collect();
+    let mut writer = Writer::create(&path, GridGeometry::axis_aligned(DIMS, [1.0; 3]), 1).expect("creates");
+    let quantization = Quantization::Distance(DistanceQuantization::new(15.0, precision));
+    let layer = Layer::new(LayerKind::Distance, ScalarType::I16, quantization);
+    assert!((layer.error_bound - 15.0 / 252.0).abs() < 0.002);
+    writer.write_encoded_layer(layer, &distance, narrow_distance).expect("writes");
+    let quantization = Quantization::HitGradient(HitGradientQuantization::new(1.0, 2.0, precision));
+    writer.write_layer(Layer::new(LayerKind::HitGradient, ScalarType::U16, quantization), &magnitude).expect("writes");
+    writer.finish(description()).expect("finishes");
+    let reader = Reader::open(&path).expect("opens");
+    reader.verify().expect("is sound");
+    assert_eq!(reader.read_distance(0).expect("reads"), distance);
+    let wide: Vec<u16> = magnitude.into_iter().map(u16::from).collect();
+    assert_eq!(reader.read_hit_gradient(0).expect("reads"), wide);
+}
+
+#[test]
 fn the_same_input_gives_the_same_bytes_for_any_number_of_threads() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = [1, 2, 7].map(|threads| {
@@ -117,7 +229,7 @@ fn the_same_input_gives_the_same_bytes_for_any_number_of_threads() {
 fn an_unfinished_file_leaves_nothing_behind() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("unfinished.vxr");
-    drop(Writer::create(&path, GridGeometry::axis_aligned(DIMS, [1.0; 3])).expect("creates"));
+    drop(Writer::create(&path, GridGeometry::axis_aligned(DIMS, [1.0; 3]), 1).expect("creates"));
     assert_eq!(fs::read_dir(folder.path()).expect("lists").count(), 0);
 }
 
@@ -158,9 +270,9 @@ fn every_truncation_is_noticed() {
 fn every_damaged_byte_is_noticed() {
     let (folder, path) = written(ScalarType::U8);
     let whole = fs::read(&path).expect("reads");
-    for place in (0..PROLOGUE_BYTES).chain((PROLOGUE_BYTES..whole.len()).step_by(23)) {
+    for place in 0..whole.len() {
         let mut damaged = whole.clone();
-        damaged[place] ^= 0x10;
+        damaged[place] ^= 1 << (place % 8);
         assert!(fails(&damaged, folder.path()).is_some(), "byte {place} of {}", whole.len());
     }
 }
@@ -169,7 +281,8 @@ fn every_damaged_byte_is_noticed() {
 fn damage_is_named() {
     let (folder, path) = written(ScalarType::U8);
     let mut bytes = fs::read(&path).expect("reads");
-    let extent = Reader::open(&path).expect("opens").directory().layers[1][2].extent;
+    let entry = Reader::open(&path).expect("opens").brick_entry(LayerKind::Distance, 0, 2).expect("is there");
+    let Place::Stored(extent) = entry.place else { panic!("varies") };
     bytes[extent.offset as usize] ^= 1;
     let message = fails(&bytes, folder.path()).expect("is noticed").to_string();
     assert!(message.contains("brick 2 of layer `distance`") && message.contains("checksum"), "{message}");

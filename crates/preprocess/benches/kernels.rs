@@ -5,7 +5,9 @@ use std::path::Path;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rayon::prelude::*;
 use voxrole_pack::layer::Quantization;
-use voxrole_pack::{DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, ScalarType, Scalars, Writer};
+use voxrole_pack::{
+    DistanceQuantization, GridGeometry, HistogramAxis, Layer, LayerKind, Precision, ScalarType, Scalars, Writer,
+};
 use voxrole_preprocess::Grid;
 use voxrole_preprocess::bilateral::{Bilateral, BilateralSettings, RangeWeights};
 use voxrole_preprocess::bspline::{Coefficients, Degree};
@@ -77,13 +79,12 @@ impl Ball {
 
     /// Writes two layers, but not the file's end: the disk is not waited for.
     fn write(&self, path: &Path) {
-        let mut writer = Writer::create(path, self.grid.geometry.clone()).expect("creates");
-        let layer = |kind, scalar_type, quantization| Layer { kind, scalar_type, quantization };
+        let mut writer = Writer::create(path, self.grid.geometry.clone(), 1).expect("creates");
         let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
         let Scalars::F32(values) = &self.grid.scalars else { unreachable!("made so") };
-        writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), values).expect("writes");
-        let quantization = DistanceQuantization { d_max: 15.0 };
-        let distance = layer(LayerKind::Distance, ScalarType::I16, Quantization::Distance(quantization));
+        writer.write_layer(Layer::new(LayerKind::Value, ScalarType::F32, linear), values).expect("writes");
+        let quantization = DistanceQuantization::new(15.0, Precision::default());
+        let distance = Layer::new(LayerKind::Distance, ScalarType::I16, Quantization::Distance(quantization));
         let encode = |d: f32| if d.is_nan() { DistanceQuantization::NO_BOUNDARY } else { quantization.encode(d) };
         writer.write_encoded_layer(distance, &self.distance, encode).expect("writes");
     }

@@ -57,18 +57,18 @@ pub fn read_field(reader: &Reader, field: Field) -> Result<Vec<f32>> {
         }
         Field::Distance => {
             let quantization = reader.distance_quantization()?;
-            let stored = reader.read_layer::<i16>(LayerKind::Distance)?;
+            let stored = reader.read_distance(0)?;
             stored.into_par_iter().map(|stored| quantization.decode(stored).unwrap_or(f32::NAN)).collect()
         }
         Field::HitGradient => {
             let quantization = reader.hit_gradient_quantization()?;
-            let stored = reader.read_layer::<u16>(LayerKind::HitGradient)?;
+            let stored = reader.read_hit_gradient(0)?;
             stored.into_par_iter().map(|stored| quantization.decode(stored).unwrap_or(f32::NAN)).collect()
         }
         Field::Role => {
             let quantization = reader.distance_quantization()?;
             let half = 0.5 * reader.header().geometry.smallest_spacing() as f32;
-            let stored = reader.read_layer::<i16>(LayerKind::Distance)?;
+            let stored = reader.read_distance(0)?;
             stored.into_par_iter().map(|stored| role_code(&quantization, stored, half) as i8).map(f32::from).collect()
         }
         Field::GradientMagnitude => reader.read_layer(LayerKind::GradientMagnitude)?,

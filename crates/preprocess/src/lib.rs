@@ -2,6 +2,7 @@
 //! own gradient.
 
 pub mod accuracy;
+mod assembly;
 pub mod automatic;
 pub mod bilateral;
 pub mod block_plan;

@@ -2,18 +2,21 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use voxrole_pack::brick::BrickGrid;
 use voxrole_pack::header::{Parameter, Source, Statistics};
 use voxrole_pack::layer::Quantization;
+use voxrole_pack::levels::usual_levels;
+use voxrole_pack::packed_brick::{PackedBrick, PackedLayerBrick, PackedMask, pack_bricks};
+use voxrole_pack::quantization::narrow_distance;
 use voxrole_pack::scalar::par_range_within;
 use voxrole_pack::unfinished::Unfinished;
-use voxrole_pack::writer::{BrickPacker, Description, PackedBrick, pack_bricks};
+use voxrole_pack::writer::Description;
 use voxrole_pack::{
-    DistanceQuantization, HistogramAxis, HitGradientQuantization, Layer, LayerKind, ScalarType, Writer, with_scalars,
+    DistanceQuantization, HistogramAxis, HitGradientQuantization, Layer, LayerKind, ScalarType, Writer,
+    with_scalar_type, with_scalars,
 };
 
+use crate::assembly::FinishedBricks;
 use crate::block_plan::BlockPlan;
 use crate::directional_derivative::{Derivatives, EdgeOperator};
 use crate::joint_histogram::{Axes, Binning, DISTANCE_BINS, Quantities, Tally, value_axis};
@@ -29,9 +32,6 @@ use crate::{Error, Result};
 
 /// Name and version of the program, as written into every file.
 pub const MADE_BY: &str = concat!("voxrole ", env!("CARGO_PKG_VERSION"));
-
-/// Bricks that are packed at once: bounds the memory in flight whatever the number of threads.
-const BRICKS_IN_FLIGHT: usize = 64;
 
 /// Where unfinished blocks have the gradient magnitude at the hit, the only layer whose numbers depend on all of the volume:
 /// as f32, in working units.
@@ -93,13 +93,21 @@ impl Packing<'_, '_> {
 
     fn write_layers(&self, path: &Path, block: &Block<'_>, hit_gradient: Option<[f32; 2]>) -> Result<Writer> {
         let Block { derivatives, roles, .. } = block;
-        let mut writer = Writer::create(path, self.0.source.geometry.clone())?;
+        let mut writer = self.writer(path)?;
         with_scalars!(&*block.scalars, values => writer.write_layer(self.value_layer(), values)?);
         let (layer, encode) = self.distance_layer();
-        writer.write_encoded_layer(layer, &roles.distance, encode)?;
+        if layer.scalar_type == ScalarType::I8 {
+            writer.write_encoded_layer(layer, &roles.distance, move |d| narrow_distance(encode(d)))?;
+        } else {
+            writer.write_encoded_layer(layer, &roles.distance, encode)?;
+        }
         let (layer, encode) = self.hit_gradient_layer(hit_gradient)?;
-        writer.write_encoded_layer(layer, &roles.hit_gradient, encode)?;
-        writer.write_layer(NORMAL_LAYER, &roles.normal)?;
+        if layer.scalar_type == ScalarType::U8 {
+            writer.write_encoded_layer(layer, &roles.hit_gradient, move |g| encode(g) as u8)?;
+        } else {
+            writer.write_encoded_layer(layer, &roles.hit_gradient, encode)?;
+        }
+        writer.write_layer(normal_layer(), &roles.normal)?;
         if self.0.settings.keep_derivatives {
             for (layer, field, scale) in self.derivative_layers(derivatives)? {
                 writer.write_encoded_layer(layer, field, to_physical(scale))?;
@@ -108,7 +116,13 @@ impl Packing<'_, '_> {
         Ok(writer)
     }
 
-    /// Packs one block of several: its bricks, layer by layer, and what is to be said of its voxels.
+    fn writer(&self, path: &Path) -> Result<Writer> {
+        let geometry = self.0.source.geometry;
+        let levels = self.0.settings.levels.unwrap_or_else(|| usual_levels(geometry.dims));
+        Ok(Writer::create(path, geometry.clone(), levels)?)
+    }
+
+    /// Packs one block of several: its bricks, layer by layer and the masks behind them, and what is to be said of its voxels.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -117,17 +131,27 @@ impl Packing<'_, '_> {
         let inner = block.interior.within(&block.padded);
         let padded = block.padded.dims();
         let scalars = cropped(&block.scalars, padded, &inner);
-        let mut layers =
-            vec![with_scalars!(&*scalars, values => pack_bricks(&self.value_layer(), dims, values, |value| value)?)];
+        let (value, roles) = (self.value_layer(), &block.roles);
+        let mut layers = vec![
+            with_scalars!(&*scalars, values => only_bricks(pack_bricks(&value, dims, values, |value| value, &[])?)),
+        ];
         let (layer, encode) = self.distance_layer();
-        layers.push(pack_bricks(&layer, dims, &block.roles.distance, encode)?);
-        layers.push(pack_bricks(&WORKING_LAYER, dims, &block.roles.hit_gradient, |g| g)?);
-        layers.push(pack_bricks(&NORMAL_LAYER, dims, &block.roles.normal, |normal| normal)?);
+        let (distance, masks) = if layer.scalar_type == ScalarType::I8 {
+            with_masks(pack_bricks(&layer, dims, &roles.distance, move |d| narrow_distance(encode(d)), &[])?)
+        } else {
+            with_masks(pack_bricks(&layer, dims, &roles.distance, encode, &[])?)
+        };
+        layers.push(distance);
+        layers.push(only_bricks(pack_bricks(&working_layer(), dims, &roles.hit_gradient, |g| g, &[])?));
+        let (masks, bits): (Vec<_>, Vec<_>) = masks.into_iter().map(|mask| (mask.brick, mask.bits_crc32)).unzip();
+        layers.push(only_bricks(pack_bricks(&normal_layer(), dims, &roles.normal, |normal| normal, &bits)?));
         if self.0.settings.keep_derivatives {
             for (layer, field, scale) in self.derivative_layers(&block.derivatives)? {
-                layers.push(pack_bricks(&layer, dims, &inner.crop(field, padded), to_physical(scale))?);
+                let field = inner.crop(field, padded);
+                layers.push(only_bricks(pack_bricks(&layer, dims, &field, to_physical(scale), &[])?));
             }
         }
+        layers.push(masks);
         let (hit_gradient, tally) = (hit_gradient_range(&block), self.tally(&block));
         Ok((layers, Summary { counts: block.counts, hit_gradient, tally, edges: block.edges }))
     }
@@ -144,32 +168,22 @@ impl Packing<'_, '_> {
         voxels_sha256: [u8; 32],
         path: &Path,
     ) -> Result<u64> {
-        let mut writer = Writer::create(path, self.0.source.geometry.clone())?;
-        let grid = BrickGrid::new(self.0.source.dims());
-        let (hit_gradient_layer, encode) = self.hit_gradient_layer(summary.hit_gradient)?;
-        let mut layers = vec![self.value_layer(), self.distance_layer().0, hit_gradient_layer.clone(), NORMAL_LAYER];
+        let mut writer = self.writer(path)?;
+        let (hit_gradient, encode) = self.hit_gradient_layer(summary.hit_gradient)?;
+        let mut layers = vec![self.value_layer(), self.distance_layer().0, hit_gradient, normal_layer()];
         if self.0.settings.keep_derivatives {
-            layers.extend(DERIVATIVE_LAYERS);
+            layers.extend(derivative_layers());
         }
-        let brick = |layer: usize, index: usize| {
-            let (block, brick) = plan.locate(index);
-            unfinished.brick(block, layer, brick)
-        };
-        let packer = BrickPacker::default();
-        let encoded = |index: usize| {
-            let working: Vec<f32> = brick(HIT_GRADIENT, index)?.unpack(grid.voxel_count(index))?;
-            packer.pack(&hit_gradient_layer, &working, encode)
-        };
-        for (index, layer) in layers.into_iter().enumerate() {
-            if index == HIT_GRADIENT {
-                let groups = (0..grid.len()).step_by(BRICKS_IN_FLIGHT);
-                let bricks = groups.flat_map(|first| {
-                    let group = first..(first + BRICKS_IN_FLIGHT).min(grid.len());
-                    group.into_par_iter().with_max_len(1).map(encoded).collect::<Vec<_>>()
-                });
-                writer.write_packed_layer(layer, bricks)?;
-            } else {
-                writer.write_packed_layer(layer, (0..grid.len()).map(|place| brick(index, place)))?;
+        let finished = FinishedBricks::new(unfinished, plan, self.0.source.dims(), layers.len());
+        for (index, layer) in layers.iter().enumerate() {
+            match (index, layer.scalar_type) {
+                (HIT_GRADIENT, ScalarType::U8) => {
+                    finished.encode(&mut writer, layer, index, move |g| encode(g) as u8)?
+                }
+                (HIT_GRADIENT, _) => finished.encode(&mut writer, layer, index, encode)?,
+                (_, scalar_type) => {
+                    with_scalar_type!(scalar_type, T => finished.copy::<T>(&mut writer, layer, index)?);
+                }
             }
         }
         writer.write_histograms(summary.tally.histograms(&self.axes()))?;
@@ -178,21 +192,14 @@ impl Packing<'_, '_> {
 
     fn value_layer(&self) -> Layer {
         let source = &self.0.source;
-        Layer {
-            kind: LayerKind::Value,
-            scalar_type: source.scalar_type(),
-            quantization: Quantization::Linear { slope: source.slope, intercept: source.intercept },
-        }
+        let mapping = Quantization::Linear { slope: source.slope, intercept: source.intercept };
+        Layer::new(LayerKind::Value, source.scalar_type(), mapping)
     }
 
     fn distance_layer(&self) -> (Layer, impl Fn(f32) -> i16 + Copy + Sync + use<>) {
-        let quantization = DistanceQuantization { d_max: self.d_max() };
+        let quantization = DistanceQuantization::new(self.d_max(), self.0.settings.precision);
         let world_from_working = self.0.scaling.smallest_spacing();
-        let layer = Layer {
-            kind: LayerKind::Distance,
-            scalar_type: ScalarType::I16,
-            quantization: Quantization::Distance(quantization),
-        };
+        let layer = Layer::new(LayerKind::Distance, ScalarType::I16, Quantization::Distance(quantization));
         let encode = move |distance: f32| match distance {
             MASKED => DistanceQuantization::MASKED,
             distance if distance.is_nan() => DistanceQuantization::NO_BOUNDARY,
@@ -214,12 +221,8 @@ impl Packing<'_, '_> {
                 self.0.source.name
             )));
         }
-        let quantization = HitGradientQuantization { low, high };
-        let layer = Layer {
-            kind: LayerKind::HitGradient,
-            scalar_type: ScalarType::U16,
-            quantization: Quantization::HitGradient(quantization),
-        };
+        let quantization = HitGradientQuantization::new(low, high, self.0.settings.precision);
+        let layer = Layer::new(LayerKind::HitGradient, ScalarType::U16, Quantization::HitGradient(quantization));
         Ok((layer, move |g: f32| if g.is_nan() { 0 } else { quantization.encode(physical(g)) }))
     }
 
@@ -227,7 +230,7 @@ impl Packing<'_, '_> {
     fn derivative_layers<'d>(&self, derivatives: &'d Derivatives) -> Result<[(Layer, &'d [f32], f64); 2]> {
         let Derivatives { gradient_magnitude, second_derivative } = derivatives;
         let scales = [self.0.scaling.gradient_scale(), self.0.scaling.second_derivative_scale()];
-        for ((layer, [low, high]), scale) in DERIVATIVE_LAYERS.iter().zip(derivatives.ranges()).zip(scales) {
+        for ((layer, [low, high]), scale) in derivative_layers().iter().zip(derivatives.ranges()).zip(scales) {
             if to_physical(scale)(low.abs().max(high.abs())).is_infinite() {
                 return Err(Error::Parameter(format!(
                     "{}: `{}` leaves the range of f32; scale the values or the spacing down",
@@ -236,7 +239,7 @@ impl Packing<'_, '_> {
                 )));
             }
         }
-        let [first, second] = DERIVATIVE_LAYERS;
+        let [first, second] = derivative_layers();
         Ok([(first, voxels(gradient_magnitude), scales[0]), (second, voxels(second_derivative), scales[1])])
     }
 
@@ -311,18 +314,29 @@ impl Packing<'_, '_> {
     }
 }
 
-const NORMAL_LAYER: Layer =
-    Layer { kind: LayerKind::Normal, scalar_type: ScalarType::U16, quantization: Quantization::Octahedral };
+fn only_bricks<T>(packed: Vec<PackedLayerBrick<T>>) -> Vec<PackedBrick> {
+    packed.into_iter().map(|packed| packed.brick).collect()
+}
 
-const DERIVATIVE_LAYERS: [Layer; 2] =
-    [float_layer(LayerKind::GradientMagnitude), float_layer(LayerKind::SecondDerivative)];
+fn with_masks<T>(packed: Vec<PackedLayerBrick<T>>) -> (Vec<PackedBrick>, Vec<PackedMask>) {
+    packed.into_iter().filter_map(|packed| Some((packed.brick, packed.mask?))).unzip()
+}
+
+fn normal_layer() -> Layer {
+    Layer::new(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral)
+}
+
+fn derivative_layers() -> [Layer; 2] {
+    [LayerKind::GradientMagnitude, LayerKind::SecondDerivative].map(float_layer)
+}
 
 /// Gradient magnitude at the hit in an unfinished file.
-const WORKING_LAYER: Layer = float_layer(LayerKind::HitGradient);
+fn working_layer() -> Layer {
+    float_layer(LayerKind::HitGradient)
+}
 
-const fn float_layer(kind: LayerKind) -> Layer {
-    let quantization = Quantization::Linear { slope: 1.0, intercept: 0.0 };
-    Layer { kind, scalar_type: ScalarType::F32, quantization }
+fn float_layer(kind: LayerKind) -> Layer {
+    Layer::new(kind, ScalarType::F32, Quantization::Linear { slope: 1.0, intercept: 0.0 })
 }
 
 fn to_physical(scale: f64) -> impl Fn(f32) -> f32 + Copy + Sync {

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+use voxrole_pack::Precision;
+use voxrole_pack::levels::MOST_LEVELS;
+
 use crate::bilateral::RangeWeights;
 use crate::differentiation::Kernel;
 use crate::directional_derivative::EdgeOperator;
@@ -96,6 +99,12 @@ pub struct Settings {
     pub noise_floor: f64,
     /// Whether gradient magnitude and second derivative are stored as layers of their own.
     pub keep_derivatives: bool,
+    /// How many bits a stored distance and gradient magnitude at a hit have.
+    pub precision: Precision,
+    /// How many levels of detail the file gets, or `None` for as many as [`usual_levels`] says.
+    ///
+    /// [`usual_levels`]: voxrole_pack::levels::usual_levels
+    pub levels: Option<u32>,
     /// Whether work that cannot hit is skipped; the result is the same.
     pub skip: bool,
     /// What is chosen anew for each volume, whatever is set above.
@@ -142,6 +151,8 @@ impl Settings {
             d_max: 15.0,
             noise_floor,
             keep_derivatives: false,
+            precision: Precision::default(),
+            levels: None,
             skip: true,
             automatic: Automatic { smoothing: chosen, kernel: chosen, reconstruction: chosen },
         }
@@ -174,6 +185,9 @@ impl Settings {
         }
         if let Kernel::Gaussian(sigma) = self.kernel {
             inside("--derivative gaussian:", sigma, 0.0, 100.0)?;
+        }
+        if let Some(levels) = self.levels.filter(|levels| !(1..=MOST_LEVELS).contains(levels)) {
+            return Err(Error::Parameter(format!("--levels {levels}: give a number from 1 to {MOST_LEVELS}")));
         }
         self.validate_reconstruction()?;
         self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, 1000.0))

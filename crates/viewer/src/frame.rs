@@ -84,7 +84,7 @@ impl Frame {
         } else {
             rotate(&Camera::from_preset(CameraPreset::Front).axes(), axes_from_world)
         };
-        let steps = f32::from(DistanceQuantization::STEPS);
+        let steps = f32::from(DistanceQuantization::MOST_STEPS);
         Self {
             image_size,
             dims: volume.dims,
@@ -198,12 +198,12 @@ fn within(number: f32, [low, high]: [f32; 2], otherwise: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use glam::DMat3;
-    use voxrole_pack::{GridGeometry, HitGradientQuantization};
+    use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
 
     use super::*;
 
     fn volume(dims: [u32; 3], spacing: [f64; 3]) -> VolumeDescription {
-        let hit_gradient = HitGradientQuantization { low: 0.0, high: 1.0 };
+        let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
         let geometry = GridGeometry::axis_aligned(dims, spacing);
         VolumeDescription::new(&geometry, 15.0 * geometry.smallest_spacing() as f32, [0.0, 1.0], hit_gradient)
     }

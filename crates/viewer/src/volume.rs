@@ -78,8 +78,8 @@ impl VolumeDescription {
 
 /// A volume as the GPU holds it: four 16-bit channels a voxel.
 ///
-/// 0: value as a share of the value range, 65535 for its end, 0 for NaN; 1: distance as stored in the file
-/// ([`DistanceQuantization`], the bits of an i16); 2: gradient magnitude at the hit as stored, 0 for none; 3: normal as
+/// 0: value as a share of the value range, 65535 for its end, 0 for NaN; 1: distance in 16 bits
+/// ([`DistanceQuantization`], the bits of an i16); 2: gradient magnitude at the hit in 16 bits, 0 for none; 3: normal as
 /// stored ([`voxrole_pack::quantization::encode_normal`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumeTexels {
@@ -106,13 +106,15 @@ impl VolumeTexels {
             let (values, slope, intercept) = reader.read_value()?;
             fill_values(&mut texels, &values, slope, intercept)
         };
-        let distance: Vec<i16> = reader.read_layer(LayerKind::Distance)?;
-        fill(&mut texels, 1, &distance, |stored| stored as u16);
+        let distance = reader.read_distance(0)?;
+        fill(&mut texels, 1, &distance, |stored| distance_bits(stored, distance_quantization.steps));
         drop(distance);
-        for (channel, kind) in [(2, LayerKind::HitGradient), (3, LayerKind::Normal)] {
-            let stored: Vec<u16> = reader.read_layer(kind)?;
-            fill(&mut texels, channel, &stored, |stored| stored);
-        }
+        let magnitudes = reader.read_hit_gradient(0)?;
+        fill(&mut texels, 2, &magnitudes, |stored| hit_gradient_bits(stored, hit_gradient.steps));
+        drop(magnitudes);
+        let normals: Vec<u16> = reader.read_layer(LayerKind::Normal)?;
+        fill(&mut texels, 3, &normals, |stored| stored);
+        let hit_gradient = HitGradientQuantization { steps: HitGradientQuantization::MOST_STEPS, ..hit_gradient };
         let description = VolumeDescription::new(geometry, distance_quantization.d_max, value_range, hit_gradient);
         Ok(Self { description, texels })
     }
@@ -120,8 +122,26 @@ impl VolumeTexels {
     /// Whether a texel has a boundary: a distance and a gradient magnitude at the hit.
     #[must_use]
     pub fn has_hit(texel: [u16; 4]) -> bool {
-        texel[1] as i16 >= -DistanceQuantization::STEPS && texel[2] != 0
+        texel[1] as i16 > DistanceQuantization::MASKED && texel[2] != 0
     }
+}
+
+/// A stored distance in 16 bits, whatever precision the file has.
+fn distance_bits(stored: i16, steps: u16) -> u16 {
+    if stored <= DistanceQuantization::MASKED || steps == DistanceQuantization::MOST_STEPS {
+        return stored as u16;
+    }
+    let scale = f32::from(DistanceQuantization::MOST_STEPS) / f32::from(steps);
+    (f32::from(stored) * scale).round() as i16 as u16
+}
+
+/// A stored gradient magnitude at the hit in 16 bits, whatever precision the file has.
+fn hit_gradient_bits(stored: u16, steps: u16) -> u16 {
+    if stored == 0 || steps == HitGradientQuantization::MOST_STEPS {
+        return stored;
+    }
+    let scale = f32::from(HitGradientQuantization::MOST_STEPS) / f32::from(steps);
+    1 + (f32::from(stored - 1) * scale).round() as u16
 }
 
 fn fill<T: Copy + Sync>(texels: &mut [[u16; 4]], channel: usize, stored: &[T], bits: impl Fn(T) -> u16 + Sync) {

@@ -3,15 +3,17 @@
 use std::fmt::Write;
 
 use serde_json::json;
+use voxrole_pack::directory::Table;
 use voxrole_pack::layer::Quantization;
-use voxrole_pack::{Layer, Reader, WorldFrame};
+use voxrole_pack::levels::dims_of_level;
+use voxrole_pack::{Layer, LayerKind, Reader, WorldFrame};
 
 use super::args::{FileArgs, InfoArgs};
 
 pub fn run(args: &InfoArgs) -> anyhow::Result<()> {
     let reader = super::open(&args.file)?;
     if args.json {
-        super::print(&format!("{}\n", serde_json::to_string_pretty(&as_json(&reader))?))
+        super::print(&format!("{}\n", serde_json::to_string_pretty(&as_json(&reader)?)?))
     } else {
         super::print(&as_text(&reader)?)
     }
@@ -25,11 +27,19 @@ pub fn verify(args: &FileArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn stored_bytes(reader: &Reader, layer: usize) -> u64 {
-    reader.directory().layers[layer].iter().map(|brick| u64::from(brick.extent.stored_bytes)).sum()
+/// Bytes of a table on all levels.
+fn stored_bytes(reader: &Reader, table: Table) -> voxrole_pack::Result<u64> {
+    let directory = reader.directory();
+    let mut bytes = 0;
+    for level in 0..reader.levels() {
+        for place in directory.order().bricks(table, level).into_iter().flatten() {
+            bytes += directory.entry(place)?.stored_bytes();
+        }
+    }
+    Ok(bytes)
 }
 
-fn as_text(reader: &Reader) -> Result<String, std::fmt::Error> {
+fn as_text(reader: &Reader) -> anyhow::Result<String> {
     let mut text = String::new();
     let header = reader.header();
     let geometry = &header.geometry;
@@ -60,7 +70,7 @@ fn as_text(reader: &Reader) -> Result<String, std::fmt::Error> {
     }
     let voxels = geometry.voxel_count() as f64;
     for (index, layer) in header.layers.iter().enumerate() {
-        let bytes = stored_bytes(reader, index);
+        let bytes = stored_bytes(reader, Table::Layer(index))?;
         writeln!(
             text,
             "layer       {} as {}{}: {bytes} bytes, {:.2} per voxel",
@@ -74,6 +84,14 @@ fn as_text(reader: &Reader) -> Result<String, std::fmt::Error> {
         let bins = shape.axes.iter().map(|axis| axis.bins.to_string()).collect::<Vec<_>>().join(" x ");
         writeln!(text, "histogram   {} of {bins} bins", shape.kind.name())?;
     }
+    if header.layer(LayerKind::Distance).is_ok() {
+        let bytes = stored_bytes(reader, Table::Mask)?;
+        writeln!(text, "mask        of voxels with a boundary: {bytes} bytes, {:.2} per voxel", bytes as f64 / voxels)?;
+    }
+    let levels: Vec<_> = (0..reader.levels())
+        .map(|level| dims_of_level(geometry.dims_usize(), level).map(|dim| dim.to_string()).join(" x "))
+        .collect();
+    writeln!(text, "levels      {}", levels.join(", "))?;
     writeln!(text, "file        {} bytes, {:.2} per voxel", reader.file_bytes(), reader.file_bytes() as f64 / voxels)?;
     Ok(text)
 }
@@ -84,32 +102,33 @@ fn precision(layer: &Layer) -> String {
             format!(" (times {slope} plus {intercept})")
         }
         Quantization::Linear { .. } => " (exact)".into(),
-        Quantization::Distance(distance) => format!(" (±{:e}, up to {})", distance.error_bound(), distance.d_max),
-        Quantization::HitGradient(hit) => format!(" (±{:e}, {} to {})", hit.error_bound(), hit.low, hit.high),
+        Quantization::Distance(distance) => format!(" (±{:e}, up to {})", layer.error_bound, distance.d_max),
+        Quantization::HitGradient(hit) => format!(" (±{:e}, {} to {})", layer.error_bound, hit.low, hit.high),
         Quantization::Octahedral => " (octahedral, ±0.95°)".into(),
     }
 }
 
-fn as_json(reader: &Reader) -> serde_json::Value {
+fn as_json(reader: &Reader) -> anyhow::Result<serde_json::Value> {
     let header = reader.header();
     let layers: Vec<_> = header
         .layers
         .iter()
         .enumerate()
         .map(|(index, layer)| {
-            json!({
+            Ok(json!({
                 "kind": layer.kind.name(),
                 "type": layer.scalar_type.name(),
                 "quantization": layer.quantization,
-                "stored_bytes": stored_bytes(reader, index),
-            })
+                "error_bound": layer.error_bound,
+                "stored_bytes": stored_bytes(reader, Table::Layer(index))?,
+            }))
         })
-        .collect();
+        .collect::<anyhow::Result<_>>()?;
     let histograms: Vec<_> =
         header.histograms.iter().map(|shape| json!({ "kind": shape.kind.name(), "axes": shape.axes })).collect();
     let parameters: serde_json::Map<_, _> =
         header.parameters.iter().map(|parameter| (parameter.name.clone(), json!(parameter.value))).collect();
-    json!({
+    Ok(json!({
         "made_by": header.made_by,
         "source": { "name": header.source.name, "voxels_sha256": header.source.voxels_sha256_hex() },
         "geometry": header.geometry,
@@ -117,6 +136,7 @@ fn as_json(reader: &Reader) -> serde_json::Value {
         "parameters": parameters,
         "layers": layers,
         "histograms": histograms,
+        "levels": reader.levels(),
         "file_bytes": reader.file_bytes(),
-    })
+    }))
 }

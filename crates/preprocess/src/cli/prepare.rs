@@ -174,6 +174,8 @@ fn settings(args: &PrepareArgs) -> Settings {
             EdgeArg::Plus => EdgeOperator::Plus,
         },
         keep_derivatives: args.keep.is_some(),
+        precision: args.precision,
+        levels: args.levels,
         skip: !args.no_skip,
         ..settings
     }

@@ -1,12 +1,12 @@
 //! The numbers of a volume that stay in a file.
 
 use std::fs::File;
-use std::io;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use voxrole_pack::error::vec_with_capacity;
+use voxrole_pack::positioned::read_exact_at;
 use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{ScalarType, Scalars};
 
@@ -100,23 +100,4 @@ impl StoredVoxels {
         }
         Ok(())
     }
-}
-
-#[cfg(unix)]
-fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
-}
-
-#[cfg(windows)]
-fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
-    while !bytes.is_empty() {
-        match std::os::windows::fs::FileExt::seek_read(file, bytes, offset)? {
-            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
-            count => {
-                bytes = &mut bytes[count..];
-                offset += count as u64;
-            }
-        }
-    }
-    Ok(())
 }

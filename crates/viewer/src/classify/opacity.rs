@@ -120,7 +120,8 @@ impl RegionSum {
 mod tests {
     use super::*;
 
-    const HIT_GRADIENT: HitGradientQuantization = HitGradientQuantization { low: 10.0, high: 50.0 };
+    const HIT_GRADIENT: HitGradientQuantization =
+        HitGradientQuantization { low: 10.0, high: 50.0, steps: HitGradientQuantization::MOST_STEPS };
     const VALUE_RANGE: [f64; 2] = [-1000.0, 3000.0];
 
     fn region(value: [f32; 2], gradient: [f32; 2], color: [f32; 3], opacity: f32, softness: f32) -> Region {
@@ -184,7 +185,7 @@ mod tests {
 
     #[test]
     fn flat_ranges_have_one_bin_that_counts() {
-        let hit_gradient = HitGradientQuantization { low: 5.0, high: 5.0 };
+        let hit_gradient = HitGradientQuantization { low: 5.0, high: 5.0, ..HIT_GRADIENT };
         let whole = [region([6.0, 8.0], [4.0, 6.0], [1.0; 3], 1.0, 0.1)];
         let table = OpacityTable::new(&whole, [7.0, 7.0], hit_gradient);
         assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0))[3], 1.0);

@@ -10,7 +10,8 @@ use voxrole_pack::layer::Quantization;
 use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
 use voxrole_pack::writer::Description;
 use voxrole_pack::{
-    DistanceQuantization, Histogram, HistogramAxis, HistogramKind, Layer, LayerKind, Reader, ScalarType, Writer,
+    DistanceQuantization, Histogram, HistogramAxis, HistogramKind, Layer, LayerKind, Precision, Reader, ScalarType,
+    Writer,
 };
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::{VolumeTexels, headless};
@@ -45,7 +46,7 @@ fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
         })
         .collect();
     let values: Vec<f32> = roles.iter().map(|(value, _)| *value as f32).collect();
-    let distance_quantization = DistanceQuantization { d_max: phantom.d_max as f32 };
+    let distance_quantization = DistanceQuantization::new(phantom.d_max as f32, Precision::default());
     let hit_gradient = phantom.hit_gradient();
     let distances: Vec<i16> = roles
         .iter()
@@ -60,15 +61,15 @@ fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
     let normals: Vec<u16> =
         roles.iter().map(|(_, hit)| hit.map_or(NO_NORMAL, |(.., normal)| encode_normal(normal.as_vec3()))).collect();
 
-    let layer = |kind, scalar_type, quantization| Layer { kind, scalar_type, quantization };
-    let mut writer = Writer::create(path, phantom.geometry.clone())?;
+    let mut writer = Writer::create(path, phantom.geometry.clone(), 1)?;
     let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
-    writer.write_layer(layer(LayerKind::Value, ScalarType::F32, linear), &values)?;
-    let distance_layer = layer(LayerKind::Distance, ScalarType::I16, Quantization::Distance(distance_quantization));
+    writer.write_layer(Layer::new(LayerKind::Value, ScalarType::F32, linear), &values)?;
+    let distance_layer =
+        Layer::new(LayerKind::Distance, ScalarType::I16, Quantization::Distance(distance_quantization));
     writer.write_layer(distance_layer, &distances)?;
-    let gradient_layer = layer(LayerKind::HitGradient, ScalarType::U16, Quantization::HitGradient(hit_gradient));
+    let gradient_layer = Layer::new(LayerKind::HitGradient, ScalarType::U16, Quantization::HitGradient(hit_gradient));
     writer.write_layer(gradient_layer, &gradients)?;
-    writer.write_layer(layer(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral), &normals)?;
+    writer.write_layer(Layer::new(LayerKind::Normal, ScalarType::U16, Quantization::Octahedral), &normals)?;
     writer.write_histograms(vec![hit_histogram(phantom, &roles)])?;
     writer.finish(Description {
         made_by: "test".into(),

@@ -5,7 +5,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use voxrole_pack::quantization::encode_normal;
-use voxrole_pack::{DistanceQuantization, GridGeometry, HitGradientQuantization};
+use voxrole_pack::{DistanceQuantization, GridGeometry, HitGradientQuantization, Precision};
 use voxrole_viewer::state::{Camera, CameraPreset, Projection, Region, TransferFunction};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
@@ -78,10 +78,8 @@ impl Phantom {
 
     pub fn hit_gradient(&self) -> HitGradientQuantization {
         let gradients = self.shells.iter().map(|shell| shell.gradient() as f32);
-        HitGradientQuantization {
-            low: gradients.clone().fold(f32::INFINITY, f32::min),
-            high: gradients.fold(0.0, f32::max),
-        }
+        let low = gradients.clone().fold(f32::INFINITY, f32::min);
+        HitGradientQuantization::new(low, gradients.fold(0.0, f32::max), Precision::default())
     }
 
     pub fn value_range(&self) -> [f64; 2] {
@@ -89,7 +87,7 @@ impl Phantom {
     }
 
     pub fn texels(&self) -> VolumeTexels {
-        let distance_quantization = DistanceQuantization { d_max: self.d_max as f32 };
+        let distance_quantization = DistanceQuantization::new(self.d_max as f32, Precision::default());
         let hit_gradient = self.hit_gradient();
         let [_, high] = self.value_range();
         let [width, height, depth] = self.geometry.dims;
