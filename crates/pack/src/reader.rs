@@ -353,7 +353,10 @@ impl Reader {
 
     fn verify_mask(&self, level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {
         if self.entry(Table::Mask, level, brick)?.range.is_some() {
-            return Err(Error::Format(format!("{}: a mask has no range of values", self.name(Table::Mask, level, brick))));
+            return Err(Error::Format(format!(
+                "{}: a mask has no range of values",
+                self.name(Table::Mask, level, brick)
+            )));
         }
         self.unpackers.lend(BrickUnpacker::new, |tools| self.read_mask(tools, level, brick, grid))?
     }
