@@ -11,6 +11,7 @@ use voxrole_preprocess::io::ReadOptions;
 
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
+use crate::ui::finer_levels::FinerLevels;
 use crate::ui::opened_volume::OpenedVolume;
 use crate::ui::{ViewerWindow, theme, window_ui};
 use crate::volume::VolumeTexels;
@@ -27,11 +28,13 @@ const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 /// message then says to use `render` instead.
 pub fn run(path: &Path, options: &ReadOptions) -> anyhow::Result<()> {
     let named = || path.display().to_string();
-    let reader = open_or_prepare(path, options)?.reader;
+    let opened = open_or_prepare(path, options)?;
+    let reader = &opened.reader;
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);
-    let texels = VolumeTexels::read(&reader).with_context(named)?;
-    let volume = OpenedVolume::read(path, &reader, &texels.description).with_context(named)?;
+    // A small level is there at once; finer ones follow when the window is open.
+    let texels = VolumeTexels::read_level(reader, reader.levels() - 1).with_context(named)?;
+    let volume = OpenedVolume::read(path, reader, &texels.description).with_context(named)?;
     let title = format!("{} - Voxrole", volume.header.source.name);
     let options = eframe::NativeOptions {
         viewport: ViewportBuilder::default().with_title(&title).with_inner_size(SIZE).with_min_inner_size(LEAST_SIZE),
@@ -41,7 +44,8 @@ pub fn run(path: &Path, options: &ReadOptions) -> anyhow::Result<()> {
     let creator = Box::new(move |creation: &eframe::CreationContext<'_>| {
         theme::apply(&creation.egui_ctx);
         let render_state = creation.wgpu_render_state.as_ref().ok_or("the window was opened without wgpu")?;
-        let window = ViewerWindow::new(render_state, volume, &texels)?;
+        let mut window = ViewerWindow::new(render_state, volume, &texels)?;
+        window.finer = FinerLevels::read(opened.reader, texels.description.level, creation.egui_ctx.clone());
         Ok(Box::new(App { window }) as Box<dyn eframe::App>)
     });
     eframe::run_native(&title, options, creator).map_err(|error| match error {

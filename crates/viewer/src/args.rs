@@ -75,6 +75,9 @@ pub struct RenderArgs {
     /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
     #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]
     pub step: f32,
+    /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub level: usize,
     /// Colour behind the volume.
     #[arg(long, value_name = "RRGGBB", default_value = "000000", value_parser = parse_background)]
     pub background: Background,

@@ -87,8 +87,8 @@ impl Frame {
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
         Self {
             image_size,
-            dims: volume.dims,
-            spacing,
+            dims: volume.texel_dims(),
+            spacing: Vec3::from_array(volume.texel_spacing()),
             box_low,
             box_high,
             rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),

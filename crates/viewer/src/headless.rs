@@ -31,7 +31,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
     let state = state(reader, arguments).with_context(named)?;
-    let volume = VolumeTexels::read(reader).with_context(named)?;
+    let volume = VolumeTexels::read_level(reader, arguments.level).with_context(named)?;
     let picture = draw(&volume, &state, arguments.cpu).with_context(named)?;
     if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
         eprintln!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");

@@ -28,6 +28,9 @@ pub struct VolumeDescription {
     pub value_range: [f64; 2],
     /// How gradient magnitudes at the hit are stored.
     pub hit_gradient: HitGradientQuantization,
+    /// The level of detail that the texels are of: they are every `2^level`-th voxel along each axis. Everything else here is of
+    /// the finest level.
+    pub level: usize,
 }
 
 impl VolumeDescription {
@@ -48,7 +51,34 @@ impl VolumeDescription {
             d_max,
             value_range,
             hit_gradient,
+            level: 0,
         }
+    }
+
+    /// What a file says of its volume on a level of detail.
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when there is no such level, or no layer of distances or magnitudes.
+    pub fn of(reader: &Reader, level: usize) -> Result<Self> {
+        reader.geometry(level)?;
+        let header = reader.header();
+        let d_max = reader.distance_quantization()?.d_max;
+        let magnitudes = reader.hit_gradient_quantization()?;
+        let hit_gradient = HitGradientQuantization { steps: HitGradientQuantization::MOST_STEPS, ..magnitudes };
+        let description = Self::new(&header.geometry, d_max, header.statistics.value_range, hit_gradient);
+        Ok(Self { level, ..description })
+    }
+
+    /// Texels along x, y, z.
+    #[must_use]
+    pub fn texel_dims(&self) -> [u32; 3] {
+        self.dims.map(|dim| dim.div_ceil(1 << self.level))
+    }
+
+    /// The distance between texels in multiples of `L_min`.
+    #[must_use]
+    pub fn texel_spacing(&self) -> [f32; 3] {
+        self.relative_spacing().map(|spacing| spacing * (1_u32 << self.level) as f32)
     }
 
     /// `L_min`, the smallest spacing, in world units.
@@ -90,32 +120,35 @@ pub struct VolumeTexels {
 }
 
 impl VolumeTexels {
-    /// Reads the layers value, distance, hit gradient and normal.
+    /// Reads the layers value, distance, hit gradient and normal on the finest level.
     ///
     /// # Errors
-    /// [`crate::Error::Pack`] when a layer is missing or damaged, or memory does not suffice.
+    /// As [`Self::read_level`].
     pub fn read(reader: &Reader) -> Result<Self> {
-        let geometry = &reader.header().geometry;
-        let distance_quantization = reader.distance_quantization()?;
-        let hit_gradient = reader.hit_gradient_quantization()?;
+        Self::read_level(reader, 0)
+    }
 
-        let mut texels = vec_with_capacity(geometry.voxel_count(), "the volume's texels")?;
-        texels.resize(geometry.voxel_count(), [0; 4]);
+    /// Reads the layers value, distance, hit gradient and normal on a level of detail.
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when there is no such level, a layer is missing or damaged, or memory does not suffice.
+    pub fn read_level(reader: &Reader, level: usize) -> Result<Self> {
+        let voxels = reader.geometry(level)?.voxel_count();
+        let description = VolumeDescription::of(reader, level)?;
+        let mut texels = vec_with_capacity(voxels, "the volume's texels")?;
+        texels.resize(voxels, [0; 4]);
         // One layer after another, so that only one is unpacked at a time.
-        let value_range = {
-            let (values, slope, intercept) = reader.read_value()?;
-            fill_values(&mut texels, &values, slope, intercept)
-        };
-        let distance = reader.read_distance(0)?;
-        fill(&mut texels, 1, &distance, |stored| distance_bits(stored, distance_quantization.steps));
+        let (values, slope, intercept) = reader.read_value_level(level)?;
+        fill_values(&mut texels, &values, slope, intercept, description.value_range);
+        drop(values);
+        let (distance, steps) = (reader.read_distance(level)?, reader.distance_quantization()?.steps);
+        fill(&mut texels, 1, &distance, |stored| distance_bits(stored, steps));
         drop(distance);
-        let magnitudes = reader.read_hit_gradient(0)?;
-        fill(&mut texels, 2, &magnitudes, |stored| hit_gradient_bits(stored, hit_gradient.steps));
+        let (magnitudes, steps) = (reader.read_hit_gradient(level)?, reader.hit_gradient_quantization()?.steps);
+        fill(&mut texels, 2, &magnitudes, |stored| hit_gradient_bits(stored, steps));
         drop(magnitudes);
-        let normals: Vec<u16> = reader.read_layer(LayerKind::Normal)?;
+        let normals: Vec<u16> = reader.read_level(LayerKind::Normal, level)?;
         fill(&mut texels, 3, &normals, |stored| stored);
-        let hit_gradient = HitGradientQuantization { steps: HitGradientQuantization::MOST_STEPS, ..hit_gradient };
-        let description = VolumeDescription::new(geometry, distance_quantization.d_max, value_range, hit_gradient);
         Ok(Self { description, texels })
     }
 
@@ -148,47 +181,56 @@ fn fill<T: Copy + Sync>(texels: &mut [[u16; 4]], channel: usize, stored: &[T], b
     texels.par_iter_mut().zip(stored).for_each(|(texel, &stored)| texel[channel] = bits(stored));
 }
 
-/// Fills channel 0 and returns the range of physical values that 0 and 65535 stand for.
-fn fill_values(texels: &mut [[u16; 4]], values: &Scalars, slope: f64, intercept: f64) -> [f64; 2] {
+/// Fills channel 0; 0 and 65535 stand for the ends of the range.
+fn fill_values(texels: &mut [[u16; 4]], values: &Scalars, slope: f64, intercept: f64, [low, high]: [f64; 2]) {
     let physical = |stored: f64| slope.mul_add(stored, intercept);
-    // A volume without any finite value has no boundary either: any range will do.
-    let [first, second] = values.finite_range().unwrap_or([0.0, 0.0]).map(physical);
-    let [low, high] = [first.min(second), first.max(second)];
     let scale = if high > low { 65535.0 / (high - low) } else { 0.0 };
     // NaN becomes 0 in the conversion.
     let share = |stored: f64| ((physical(stored) - low) * scale).round() as u16;
     with_scalars!(values, values => fill(texels, 0, values, |stored| share(voxrole_pack::scalar::Scalar::to_f64(stored))));
-    [low, high]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn values(scalars: &Scalars, slope: f64, intercept: f64) -> (Vec<u16>, [f64; 2]) {
+    fn values(scalars: &Scalars, slope: f64, intercept: f64, range: [f64; 2]) -> Vec<u16> {
         let mut texels = vec![[0; 4]; scalars.len()];
-        let range = fill_values(&mut texels, scalars, slope, intercept);
-        (texels.iter().map(|texel| texel[0]).collect(), range)
+        fill_values(&mut texels, scalars, slope, intercept, range);
+        texels.iter().map(|texel| texel[0]).collect()
     }
 
     #[test]
     fn eight_bits_are_kept_exactly() {
-        let (stored, range) = values(&Scalars::U8((0..=255).collect()), 1.0, 0.0);
-        assert_eq!(range, [0.0, 255.0]);
+        let stored = values(&Scalars::U8((0..=255).collect()), 1.0, 0.0, [0.0, 255.0]);
         assert!(stored.iter().enumerate().all(|(value, &stored)| usize::from(stored) == value * 257));
     }
 
     #[test]
     fn a_negative_slope_turns_the_range_round() {
-        let (stored, range) = values(&Scalars::I16(vec![-100, 0, 100]), -2.0, 10.0);
-        assert_eq!((stored, range), (vec![65535, 32768, 0], [-190.0, 210.0]));
+        let stored = values(&Scalars::I16(vec![-100, 0, 100]), -2.0, 10.0, [-190.0, 210.0]);
+        assert_eq!(stored, [65535, 32768, 0]);
     }
 
     #[test]
     fn nan_infinity_and_flat_volumes_are_drawn_as_nothing_special() {
-        let (stored, range) = values(&Scalars::F32(vec![f32::NAN, 1.0, f32::INFINITY, 3.0]), 1.0, 0.0);
-        assert_eq!((stored, range), (vec![0, 0, 65535, 65535], [1.0, 3.0]));
-        assert_eq!(values(&Scalars::F64(vec![5.0; 2]), 1.0, 0.0), (vec![0, 0], [5.0, 5.0]));
-        assert_eq!(values(&Scalars::F32(vec![f32::NAN]), 1.0, 0.0), (vec![0], [0.0, 0.0]));
+        let stored = values(&Scalars::F32(vec![f32::NAN, 1.0, f32::INFINITY, 3.0]), 1.0, 0.0, [1.0, 3.0]);
+        assert_eq!(stored, [0, 0, 65535, 65535]);
+        assert_eq!(values(&Scalars::F64(vec![5.0; 2]), 1.0, 0.0, [5.0, 5.0]), [0, 0]);
+        assert_eq!(values(&Scalars::F32(vec![f32::NAN]), 1.0, 0.0, [0.0, 0.0]), [0]);
+    }
+
+    #[test]
+    fn every_precision_is_widened_to_the_ends() {
+        for steps in [126, 2046, DistanceQuantization::MOST_STEPS] {
+            assert_eq!(
+                [steps as i16, 0, -(steps as i16)].map(|stored| distance_bits(stored, steps) as i16),
+                [32766, 0, -32766]
+            );
+        }
+        assert_eq!(distance_bits(DistanceQuantization::MASKED, 126) as i16, DistanceQuantization::MASKED);
+        for steps in [254, 4094, HitGradientQuantization::MOST_STEPS] {
+            assert_eq!([0, 1, steps + 1].map(|stored| hit_gradient_bits(stored, steps)), [0, 1, 65535]);
+        }
     }
 }

@@ -9,6 +9,8 @@ use voxrole_preprocess::phantom::{NoiseKind, Phantom, Quantization};
 use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
 use voxrole_preprocess::reconstruction::Reconstruction;
 
+use super::bench_pack::PackArgs;
+
 /// Prepares volumes overnight: where each voxel stands relative to the nearest boundary along its own gradient.
 #[derive(Debug, Parser)]
 #[command(name = "voxrole", version, arg_required_else_help = true)]
@@ -267,6 +269,8 @@ pub enum BenchCommand {
     /// What smoothing does to the boundaries found under noise, thin layers included: a table (CSV) and plots (PNG and
     /// SVG).
     Smoothing(SmoothingArgs),
+    /// How small a packed file is, and how fast it opens and unpacks beside a copy of its bytes.
+    Pack(PackArgs),
 }
 
 /// `bench accuracy`.

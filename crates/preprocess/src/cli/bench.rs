@@ -19,6 +19,7 @@ pub fn run(command: &BenchCommand) -> anyhow::Result<()> {
     match command {
         BenchCommand::Accuracy(args) => accuracy(args),
         BenchCommand::Smoothing(args) => smoothing(args),
+        BenchCommand::Pack(args) => super::bench_pack::run(args),
     }
 }
 

@@ -28,7 +28,7 @@ pub fn verify(args: &FileArgs) -> anyhow::Result<()> {
 }
 
 /// Bytes of a table on all levels.
-fn stored_bytes(reader: &Reader, table: Table) -> voxrole_pack::Result<u64> {
+pub fn stored_bytes(reader: &Reader, table: Table) -> voxrole_pack::Result<u64> {
     let directory = reader.directory();
     let mut bytes = 0;
     for level in 0..reader.levels() {

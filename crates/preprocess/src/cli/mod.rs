@@ -3,6 +3,7 @@
 pub mod args;
 mod batch;
 mod bench;
+mod bench_pack;
 mod export;
 mod histogram;
 mod info;

@@ -46,6 +46,12 @@ impl Renderer {
         &self.gpu
     }
 
+    /// The level of detail that is drawn.
+    #[must_use]
+    pub fn level(&self) -> usize {
+        self.volume.level
+    }
+
     /// Draws the volume over the whole target. Returns before the device has finished.
     pub fn draw(&mut self, state: &ViewState, target: &Target) {
         let [_, height] = target.size();

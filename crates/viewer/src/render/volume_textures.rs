@@ -24,7 +24,7 @@ impl VolumeTextures {
     /// # Errors
     /// [`Error::VolumeTooLarge`] when an axis is longer than the device's textures or its memory does not suffice.
     pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
-        let dims = volume.description.dims;
+        let dims = volume.description.texel_dims();
         let limit = gpu.device.limits().max_texture_dimension_3d;
         let too_large = |reason: String| Error::VolumeTooLarge { device: gpu.name.clone(), reason };
         if dims.iter().any(|&dim| dim > limit) {
@@ -63,7 +63,7 @@ fn create_texture(gpu: &Gpu, [width, height, depth_or_array_layers]: [u32; 3]) -
 }
 
 fn upload(gpu: &Gpu, texture: &Texture, volume: &VolumeTexels) {
-    let [width, height, _] = volume.description.dims;
+    let [width, height, _] = volume.description.texel_dims();
     let slice = width as usize * height as usize;
     let slices_at_once = (UPLOAD_BYTES / (slice * BYTES_PER_TEXEL)).max(1);
     for (index, slab) in volume.texels.chunks(slice * slices_at_once).enumerate() {

@@ -4,6 +4,7 @@ pub mod axis;
 pub mod boundary;
 pub mod camera;
 pub mod distance_histogram;
+pub mod finer_levels;
 mod form;
 pub mod histogram;
 pub mod opened_volume;
@@ -22,6 +23,7 @@ use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
 
 use crate::state::{TransferFunction, ViewState};
 use crate::volume::VolumeTexels;
+use finer_levels::FinerLevels;
 use form::section;
 use histogram::HistogramPanel;
 use opened_volume::OpenedVolume;
@@ -41,6 +43,8 @@ pub struct ViewerWindow {
     pub histogram: HistogramPanel,
     /// Saving.
     pub save: SavePicture,
+    /// What is to be shown next.
+    pub finer: FinerLevels,
     viewport: [u32; 2],
 }
 
@@ -59,14 +63,38 @@ impl ViewerWindow {
             preview: Preview::new(render_state, texels)?,
             histogram: HistogramPanel::new(&volume),
             save: SavePicture::new(&volume.path),
+            finer: FinerLevels::default(),
             volume,
             viewport: [1, 1],
         })
     }
 }
 
+impl ViewerWindow {
+    /// Shows the next finer level once it is read. One that the device has no room for leaves the coarser one where it is.
+    fn show_finer_level(&mut self, context: &egui::Context) {
+        match self.finer.take() {
+            Some(Ok(texels)) => {
+                if let Err(error) = self.preview.replace_volume(&texels) {
+                    self.preview.complain(&error);
+                    self.finer = FinerLevels::default();
+                }
+            }
+            Some(Err(error)) => {
+                self.preview.complain(&error);
+                self.finer = FinerLevels::default();
+            }
+            None => {}
+        }
+        if self.finer.is_reading() {
+            context.request_repaint_after_secs(0.05);
+        }
+    }
+}
+
 /// The whole window: settings to the left, the transfer function to the right, the picture between them.
 pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
+    window.show_finer_level(ui.ctx());
     Panel::bottom("status").resizable(false).show(ui, |ui| status_ui(ui, window));
     Panel::left("settings").resizable(true).default_size(280.0).size_range(240.0..=420.0).show(ui, |ui| {
         let ViewerWindow { view, preview, save, viewport, .. } = window;
@@ -115,7 +143,11 @@ fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
             return;
         };
         let what = if detail == Detail::FULL { "full picture" } else { "draft" };
-        let mut text = format!("{width} × {height} pixels, {what} in {:.0} ms", seconds * 1e3);
+        let level = match window.preview.level() {
+            0 => String::new(),
+            level => format!("level {level} of the volume, "),
+        };
+        let mut text = format!("{level}{width} × {height} pixels, {what} in {:.0} ms", seconds * 1e3);
         if let Some(share) = window.preview.refining() {
             text += &format!(", refining {:.0} %", share * 100.0);
         }

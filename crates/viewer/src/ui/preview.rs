@@ -79,6 +79,28 @@ impl Preview {
         })
     }
 
+    /// Shows another level of the same volume from now on.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; the volume shown before is then still shown.
+    pub fn replace_volume(&mut self, volume: &VolumeTexels) -> Result<()> {
+        self.renderer = Renderer::new(self.renderer.gpu(), volume)?;
+        self.shown = None;
+        self.refining = None;
+        Ok(())
+    }
+
+    /// Says below the picture what went wrong.
+    pub fn complain(&mut self, error: &Error) {
+        self.error = Some(error.to_string());
+    }
+
+    /// The level of detail that is shown.
+    #[must_use]
+    pub fn level(&self) -> usize {
+        self.renderer.level()
+    }
+
     /// Draws where that is due. `size` in pixels; asks for another pass where one is needed.
     pub fn update(&mut self, context: &egui::Context, view: &ViewState, size: [u32; 2]) {
         let mut wanted = view.clone();

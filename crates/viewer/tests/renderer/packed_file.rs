@@ -14,9 +14,10 @@ use voxrole_pack::{
     Writer,
 };
 use voxrole_viewer::args::{Cli, Command};
+use voxrole_viewer::state::CameraPreset;
 use voxrole_viewer::{VolumeTexels, headless};
 
-use crate::phantom::{Phantom, Role, SHELLS};
+use crate::phantom::{Phantom, Role, SHELLS, orthographic};
 
 /// A folder of its own for each test, emptied first.
 fn folder(test: &str) -> PathBuf {
@@ -61,7 +62,7 @@ fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
     let normals: Vec<u16> =
         roles.iter().map(|(_, hit)| hit.map_or(NO_NORMAL, |(.., normal)| encode_normal(normal.as_vec3()))).collect();
 
-    let mut writer = Writer::create(path, phantom.geometry.clone(), 1)?;
+    let mut writer = Writer::create(path, phantom.geometry.clone(), 3)?;
     let linear = Quantization::Linear { slope: 1.0, intercept: 0.0 };
     writer.write_layer(Layer::new(LayerKind::Value, ScalarType::F32, linear), &values)?;
     let distance_layer =
@@ -124,7 +125,7 @@ fn a_packed_file_becomes_the_same_texels() {
     let [_, made_high] = made.description.value_range;
     for (read, made) in read.texels.iter().zip(&made.texels) {
         assert_eq!(read[1..], made[1..]);
-        // The file's own value range ends at its largest voxel.
+        // The value is stored as f32.
         let value = f64::from(read[0]) / 65535.0 * (high - low) + low;
         assert!((value - f64::from(made[0]) / 65535.0 * made_high).abs() < 0.01);
     }
@@ -143,6 +144,27 @@ fn a_picture_file_is_drawn_without_any_knob() {
         assert!(red > blue && red > 60, "the inner boundary shows: {red} {blue}");
         std::fs::remove_file(&output).expect("is there");
     }
+}
+
+#[test]
+fn coarse_levels_draw_boundaries_where_they_are() {
+    let path = folder("coarse_levels").join("shells.vxr");
+    let phantom = Phantom::concentric_shells();
+    write(&phantom, &path).expect("is written");
+    let reader = Reader::open(&path).expect("opens");
+    let state = phantom.state(orthographic(CameraPreset::Front));
+    let pictures = [0, 1, 2].map(|level| {
+        let volume = VolumeTexels::read_level(&reader, level).expect("reads");
+        headless::draw(&volume, &state, true).expect("is drawn").rgba
+    });
+    // Every voxel predicts the boundary by its own plane, so that a level loses the curvature between its voxels alone.
+    for (coarse, largest) in [(&pictures[1], 0.5), (&pictures[2], 2.0)] {
+        let squares: f64 = coarse.iter().zip(&pictures[0]).map(|(&a, &b)| f64::from(a.abs_diff(b)).powi(2)).sum();
+        let rms = (squares / coarse.len() as f64).sqrt();
+        eprintln!("differs from the finest level by {rms:.2} of 255");
+        assert!(rms < largest, "{rms}");
+    }
+    assert!(VolumeTexels::read_level(&reader, 3).is_err());
 }
 
 #[test]
