@@ -33,7 +33,8 @@ fn shells() -> &'static Path {
     FILE.get_or_init(|| {
         let settings = PhantomSettings { dims: [32; 3], blur: 1.0, ..PhantomSettings::default() };
         let grid = Phantom::Shells.generate(&settings).expect("a phantom");
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-shells.vxr");
+        // Another process may run another of these tests.
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("window-shells-{}.vxr", std::process::id()));
         voxrole_preprocess::prepare(&grid, &Settings::new(Method::Fast), &path, &Silent).expect("a packed file");
         path
     })
