@@ -1,13 +1,13 @@
-//! Layers of a packed file in physical units, as `export` and `slice` give them.
+//! What a packed file tells of every voxel, in physical units.
 
-use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use voxrole_pack::quantization::decode_normal;
+use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{DistanceQuantization, LayerKind, Reader, with_scalars};
 
-use crate::Result;
+use crate::field_volume::{CHUNK_VOXELS, FieldVolume};
+use crate::{Error, Result};
 
-/// A scalar quantity per voxel.
+/// A quantity per voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Field {
     /// The physical value.
@@ -16,12 +16,63 @@ pub enum Field {
     Distance,
     /// Gradient magnitude at the hit; NaN without a boundary.
     HitGradient,
+    /// Unit gradient direction along the world's axes, three numbers; NaN without a boundary.
+    Normal,
     /// What the voxel is to its boundary: see [`RoleCode`].
     Role,
     /// Gradient magnitude at the voxel.
     GradientMagnitude,
     /// Second derivative along the gradient at the voxel.
     SecondDerivative,
+}
+
+impl Field {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Value,
+        Self::Distance,
+        Self::HitGradient,
+        Self::Normal,
+        Self::Role,
+        Self::GradientMagnitude,
+        Self::SecondDerivative,
+    ];
+
+    /// The field's name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Role => "role",
+            _ => self.layer().name(),
+        }
+    }
+
+    /// What the numbers mean, in ASCII.
+    #[must_use]
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Value => "value",
+            Self::Distance => "signed distance to the boundary, positive on the high-value side",
+            Self::HitGradient => "gradient magnitude at the hit",
+            Self::Normal => "unit gradient direction along the axes of the world",
+            Self::Role => "role: 0 no boundary, 1 on it, 2 high-value side, 3 low-value side, -1 masked",
+            Self::GradientMagnitude => "gradient magnitude",
+            Self::SecondDerivative => "second directional derivative",
+        }
+    }
+
+    /// The layer that the field is read from.
+    #[must_use]
+    pub const fn layer(self) -> LayerKind {
+        match self {
+            Self::Value => LayerKind::Value,
+            Self::Distance | Self::Role => LayerKind::Distance,
+            Self::HitGradient => LayerKind::HitGradient,
+            Self::Normal => LayerKind::Normal,
+            Self::GradientMagnitude => LayerKind::GradientMagnitude,
+            Self::SecondDerivative => LayerKind::SecondDerivative,
+        }
+    }
 }
 
 /// The numbers of [`Field::Role`].
@@ -39,64 +90,44 @@ pub enum RoleCode {
     LowSide = 3,
 }
 
-/// Reads a quantity of every voxel, x fastest, as f32.
+impl RoleCode {
+    /// The role of a voxel by its stored distance; `half` is half of L_min.
+    pub(crate) fn of(stored: i16, quantization: &DistanceQuantization, half: f32) -> Self {
+        match quantization.decode(stored) {
+            None if stored == DistanceQuantization::MASKED => Self::Masked,
+            None => Self::None,
+            Some(distance) if distance.abs() <= half => Self::Boundary,
+            Some(distance) if distance > 0.0 => Self::HighSide,
+            Some(_) => Self::LowSide,
+        }
+    }
+}
+
+/// Reads a field of one number for every voxel, x fastest, as f32.
 ///
 /// Distances err by at most [`DistanceQuantization::error_bound`], magnitudes at the hit by at most
 /// [`voxrole_pack::HitGradientQuantization::error_bound`]; the other quantities are as exact as f32.
 ///
 /// # Errors
-/// [`crate::Error::Pack`] when the file is damaged or has no such layer, or memory runs out.
+/// [`Error::Pack`] when the file is damaged or has no such layer, or memory runs out; [`Error::Parameter`] for
+/// [`Field::Normal`].
 pub fn read_field(reader: &Reader, field: Field) -> Result<Vec<f32>> {
-    Ok(match field {
-        Field::Value => {
-            use voxrole_pack::scalar::Scalar;
-            let (scalars, slope, intercept) = reader.read_value()?;
-            with_scalars!(&scalars, values => {
-                values.par_iter().map(|&value| slope.mul_add(value.to_f64(), intercept) as f32).collect()
-            })
-        }
-        Field::Distance => {
-            let quantization = reader.distance_quantization()?;
-            let stored = reader.read_distance(0)?;
-            stored.into_par_iter().map(|stored| quantization.decode(stored).unwrap_or(f32::NAN)).collect()
-        }
-        Field::HitGradient => {
-            let quantization = reader.hit_gradient_quantization()?;
-            let stored = reader.read_hit_gradient(0)?;
-            stored.into_par_iter().map(|stored| quantization.decode(stored).unwrap_or(f32::NAN)).collect()
-        }
-        Field::Role => {
-            let quantization = reader.distance_quantization()?;
-            let half = 0.5 * reader.header().geometry.smallest_spacing() as f32;
-            let stored = reader.read_distance(0)?;
-            stored.into_par_iter().map(|stored| role_code(&quantization, stored, half) as i8).map(f32::from).collect()
-        }
-        Field::GradientMagnitude => reader.read_layer(LayerKind::GradientMagnitude)?,
-        Field::SecondDerivative => reader.read_layer(LayerKind::SecondDerivative)?,
-    })
-}
-
-fn role_code(quantization: &DistanceQuantization, stored: i16, half: f32) -> RoleCode {
-    match quantization.decode(stored) {
-        None if stored == DistanceQuantization::MASKED => RoleCode::Masked,
-        None => RoleCode::None,
-        Some(distance) if distance.abs() <= half => RoleCode::Boundary,
-        Some(distance) if distance > 0.0 => RoleCode::HighSide,
-        Some(_) => RoleCode::LowSide,
+    if field == Field::Normal {
+        return Err(Error::Parameter("normals are three numbers for every voxel".into()));
     }
-}
-
-/// Reads the unit gradient direction of every voxel with a boundary, along the world's axes; NaN without one. Errs by at
-/// most [`voxrole_pack::quantization::NORMAL_ERROR_BOUND`].
-///
-/// # Errors
-/// As [`read_field`].
-pub fn read_normals(reader: &Reader) -> Result<Vec<[f32; 3]>> {
-    let world_from_axes = reader.header().geometry.world_from_axes();
-    let stored = reader.read_layer::<u16>(LayerKind::Normal)?;
-    let in_world = |normal: Vec3| (world_from_axes * DVec3::from(normal)).as_vec3();
-    Ok(stored
-        .into_par_iter()
-        .map(|stored| decode_normal(stored).map_or([f32::NAN; 3], |normal| in_world(normal).to_array()))
-        .collect())
+    let volume = FieldVolume::read(reader, field, 0)?;
+    let voxels = volume.geometry().voxel_count();
+    let mut numbers = Vec::new();
+    numbers
+        .try_reserve_exact(voxels)
+        .map_err(|_| Error::OutOfMemory { what: format!("the field `{}`", field.name()), bytes: voxels as u128 * 4 })?;
+    numbers.resize(voxels, 0.0);
+    numbers.par_chunks_mut(CHUNK_VOXELS).enumerate().for_each(|(chunk, numbers)| {
+        let first = chunk * CHUNK_VOXELS;
+        let decoded = volume.numbers(first..first + numbers.len());
+        with_scalars!(&decoded, values => {
+            numbers.iter_mut().zip(values).for_each(|(number, value)| *number = value.to_f64() as f32);
+        });
+    });
+    Ok(numbers)
 }

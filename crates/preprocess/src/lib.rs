@@ -3,6 +3,7 @@
 
 pub mod accuracy;
 mod assembly;
+pub mod atomic_folder;
 pub mod automatic;
 pub mod bilateral;
 pub mod block_plan;
@@ -14,12 +15,15 @@ pub mod continuation;
 pub mod differentiation;
 pub mod directional_derivative;
 pub mod error;
+pub mod export;
+pub mod field_volume;
 pub mod fields;
 pub mod gaussian;
 pub mod grid;
 pub mod holes;
 pub mod io;
 pub mod joint_histogram;
+pub mod levels;
 #[cfg(test)]
 mod naive_mean;
 pub mod noise;

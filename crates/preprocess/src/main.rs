@@ -7,9 +7,10 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
-    // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
+    // 130 is what shells give for an interrupt. Without a handler temporary files and folders would merely stay.
     let _ = ctrlc::set_handler(|| {
         voxrole_pack::atomic_file::remove_unfinished();
+        voxrole_preprocess::atomic_folder::remove_unfinished();
         for path in voxrole_pack::unfinished::kept() {
             eprintln!(
                 "\nvoxrole: interrupted; what is done is kept in {}: the same command goes on from there",

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use voxrole_pack::{HistogramKind, Precision, ScalarType};
 use voxrole_preprocess::differentiation::Kernel;
+use voxrole_preprocess::export::ExportFormat;
+use voxrole_preprocess::fields::Field;
 use voxrole_preprocess::phantom::{NoiseKind, Phantom, Quantization};
 use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
 use voxrole_preprocess::reconstruction::Reconstruction;
@@ -29,7 +31,7 @@ pub enum Command {
     Info(InfoArgs),
     /// Read a packed file whole and check every byte.
     Verify(FileArgs),
-    /// Write one field of a packed file as NRRD.
+    /// Write fields of a packed file in other programs' formats.
     Export(ExportArgs),
     /// Draw a histogram of a packed file, or write it as a table.
     Histogram(HistogramArgs),
@@ -155,13 +157,35 @@ pub struct InfoArgs {
 pub struct ExportArgs {
     /// Packed file (.vxr).
     pub file: PathBuf,
-    /// What to write, in physical units as 32-bit floats; voxels without a boundary are NaN in distance, hit-gradient
-    /// and normal. Roles: 0 no boundary, 1 on it, 2 high-value side, 3 low-value side, -1 masked.
-    #[arg(long, value_enum)]
-    pub field: ExportField,
-    /// NRRD file to write.
-    #[arg(short, long, value_name = "OUT.nrrd")]
+    /// What to write, one or several with commas between them. Values keep their own type of number where they have neither
+    /// slope nor intercept; the others are 32-bit floats in physical units, NaN without a boundary in distance, hit-gradient
+    /// and normal. Roles are 8-bit integers: 0 no boundary, 1 on it, 2 high-value side, 3 low-value side, -1 masked.
+    #[arg(
+        long,
+        value_enum,
+        value_name = "FIELD,...",
+        value_delimiter = ',',
+        required_unless_present = "all",
+        conflicts_with = "all"
+    )]
+    pub field: Vec<ExportField>,
+    /// Write every field that the file has.
+    #[arg(long)]
+    pub all: bool,
+    /// File to write: .nrrd, .nii.gz, .nii, .vti, .tif, .npy or .ome.zarr (a folder, replaced if it is an earlier export).
+    /// With several fields, or where there is such a folder, a folder for files named after their fields.
+    #[arg(short, long, value_name = "OUT|FOLDER")]
     pub output: PathBuf,
+    /// Format [default: by the output's name].
+    #[arg(long, value_enum)]
+    pub format: Option<FormatArg>,
+    /// Level to write: 0 is the volume, each next one has every second voxel along each axis. OME-Zarr holds this one and all
+    /// coarser ones.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub level: u32,
+    /// Pack NRRD by gzip and VTI by zlib.
+    #[arg(long)]
+    pub compress: bool,
 }
 
 /// `histogram`.
@@ -173,8 +197,9 @@ pub struct HistogramArgs {
     /// (v-hit), both at the hit (hit-hit), or signed distance.
     #[arg(long, value_enum)]
     pub kind: HistogramArg,
-    /// Picture (.png) or table (.csv) to write.
-    #[arg(short, long, value_name = "OUT.png|OUT.csv")]
+    /// Picture (.png), table (.csv) or array of counts (.npy) to write; beside an array out.npy the edges of its bins are
+    /// written, out_value_edges.npy and so on.
+    #[arg(short, long, value_name = "OUT.png|OUT.csv|OUT.npy")]
     pub output: PathBuf,
 }
 
@@ -454,6 +479,50 @@ pub enum ExportField {
     SecondDerivative,
 }
 
+impl From<ExportField> for Field {
+    fn from(field: ExportField) -> Self {
+        match field {
+            ExportField::Value => Self::Value,
+            ExportField::Distance => Self::Distance,
+            ExportField::HitGradient => Self::HitGradient,
+            ExportField::Normal => Self::Normal,
+            ExportField::Role => Self::Role,
+            ExportField::GradientMagnitude => Self::GradientMagnitude,
+            ExportField::SecondDerivative => Self::SecondDerivative,
+        }
+    }
+}
+
+/// `export --format`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum FormatArg {
+    /// For teem, ITK, 3D Slicer and ParaView.
+    Nrrd,
+    /// NIfTI-1, packed.
+    Nifti,
+    /// VTK's image data, for ParaView.
+    Vti,
+    /// A stack for ImageJ and Fiji.
+    Tiff,
+    /// An array for numpy.
+    Npy,
+    /// A folder of chunks in several levels, for napari and whatever streams.
+    OmeZarr,
+}
+
+impl From<FormatArg> for ExportFormat {
+    fn from(format: FormatArg) -> Self {
+        match format {
+            FormatArg::Nrrd => Self::Nrrd,
+            FormatArg::Nifti => Self::Nifti,
+            FormatArg::Vti => Self::Vti,
+            FormatArg::Tiff => Self::Tiff,
+            FormatArg::Npy => Self::Npy,
+            FormatArg::OmeZarr => Self::OmeZarr,
+        }
+    }
+}
+
 /// `slice --field`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum SliceField {
@@ -549,6 +618,8 @@ mod tests {
             "voxrole histogram f.vxr --kind hit-hit -o o.png",
             "voxrole slice f.vxr --field second-derivative --axis x --index 3 -o o.png",
             "voxrole export f.vxr --field hit-gradient -o o.nrrd",
+            "voxrole export f.vxr --field value,distance --format nifti --level 1 -o folder",
+            "voxrole export f.vxr --all --format ome-zarr -o folder",
             "voxrole phantom ball --dims 8,8,8 --blur 1 --noise 0 --seed 3 --dtype u8 --spacing 1,1,1 -o o.nrrd",
             "voxrole phantom slab-pair --dims 64,64,64 --thickness 2 --rotation 10,-20,30 --offset -0.5,0,0.25 \
              --noise 0.01 --noise-kind rician --dtype u12 -o o.nrrd --truth t.nrrd --crossing c.nrrd",

@@ -5,7 +5,7 @@
 
 use std::io::{self, Write};
 
-use voxrole_pack::scalar::{LittleEndian, Scalar};
+use voxrole_pack::scalar::LittleEndian;
 use voxrole_pack::{GridGeometry, ScalarType, Scalars, WorldFrame, with_scalars};
 
 /// Numbers that are converted to bytes at a time.
@@ -20,6 +20,15 @@ pub enum Components {
     WorldVector,
 }
 
+/// How the numbers behind the header are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// As they are.
+    Raw,
+    /// As one gzip stream.
+    Gzip,
+}
+
 /// Writes a volume of one number per voxel, x fastest. `content` is a short description, or empty.
 ///
 /// # Errors
@@ -31,36 +40,11 @@ pub fn write_scalars(
     content: &str,
 ) -> io::Result<()> {
     check_count(scalars.len(), geometry)?;
-    write_header(out, geometry, scalars.scalar_type(), Components::Scalar, content)?;
+    write_header(out, geometry, scalars.scalar_type(), Components::Scalar, Encoding::Raw, content)?;
     with_scalars!(scalars, values => write_numbers(out, values))
 }
 
-/// Writes a volume of f32, as [`write_scalars`].
-///
-/// # Errors
-/// As [`write_scalars`].
-pub fn write_f32(out: &mut impl Write, geometry: &GridGeometry, values: &[f32], content: &str) -> io::Result<()> {
-    check_count(values.len(), geometry)?;
-    write_header(out, geometry, f32::TYPE, Components::Scalar, content)?;
-    write_numbers(out, values)
-}
-
-/// Writes a volume of vectors, whose components are along the world axes.
-///
-/// # Errors
-/// As [`write_scalars`].
-pub fn write_vectors(
-    out: &mut impl Write,
-    geometry: &GridGeometry,
-    vectors: &[[f32; 3]],
-    content: &str,
-) -> io::Result<()> {
-    check_count(vectors.len(), geometry)?;
-    write_header(out, geometry, f32::TYPE, Components::WorldVector, content)?;
-    write_numbers(out, vectors.as_flattened())
-}
-
-/// Writes the header alone; the numbers must follow through [`write_numbers`], in as many parts as is convenient.
+/// Writes the header alone; the numbers must follow, little-endian, in `encoding`.
 ///
 /// # Errors
 /// Whatever `out` says.
@@ -69,6 +53,7 @@ pub fn write_header(
     geometry: &GridGeometry,
     scalar_type: ScalarType,
     components: Components,
+    encoding: Encoding,
     content: &str,
 ) -> io::Result<()> {
     let [x, y, z] = geometry.dims;
@@ -98,18 +83,15 @@ pub fn write_header(
         writeln!(out, "space units: \"{unit}\" \"{unit}\" \"{unit}\"")?;
     }
     let [x, y, z] = geometry.origin.map(|coordinate| coordinate + 0.0);
-    writeln!(out, "endian: little\nencoding: raw\nspace origin: ({x},{y},{z})")?;
+    let encoding = if encoding == Encoding::Gzip { "gzip" } else { "raw" };
+    writeln!(out, "endian: little\nencoding: {encoding}\nspace origin: ({x},{y},{z})")?;
     if vector {
         writeln!(out, "measurement frame: (1,0,0) (0,1,0) (0,0,1)")?;
     }
     writeln!(out)
 }
 
-/// Writes numbers, little-endian.
-///
-/// # Errors
-/// Whatever `out` says.
-pub fn write_numbers<T: LittleEndian>(out: &mut impl Write, values: &[T]) -> io::Result<()> {
+fn write_numbers<T: LittleEndian>(out: &mut impl Write, values: &[T]) -> io::Result<()> {
     let mut bytes = Vec::with_capacity(values.len().min(CHUNK_NUMBERS) * T::SIZE);
     for chunk in values.chunks(CHUNK_NUMBERS) {
         bytes.clear();
@@ -173,7 +155,8 @@ mod tests {
     fn a_vector_file_has_a_first_axis_of_three() {
         let mut out = Vec::new();
         let geometry = GridGeometry::axis_aligned([1, 2, 1], [1.0; 3]);
-        write_vectors(&mut out, &geometry, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "").expect("into memory");
+        write_header(&mut out, &geometry, ScalarType::F32, Components::WorldVector, Encoding::Gzip, "")
+            .expect("into memory");
         let text = String::from_utf8_lossy(&out);
         for line in [
             "type: float",
@@ -182,17 +165,18 @@ mod tests {
             "sizes: 3 1 2 1",
             "space directions: none (1,0,0) (0,1,0) (0,0,1)",
             "kinds: vector domain domain domain",
+            "measurement frame: (1,0,0) (0,1,0) (0,0,1)",
+            "encoding: gzip",
         ] {
             assert!(text.lines().any(|found| found == line), "{line} in {text}");
         }
-        let numbers: Vec<u8> = (1..=6).flat_map(|number: u8| f32::from(number).to_le_bytes()).collect();
-        assert!(out.ends_with(&numbers));
+        assert!(text.ends_with("\n\n"));
     }
 
     #[test]
     fn a_wrong_count_is_refused_before_anything_is_written() {
         let mut out = Vec::new();
-        let error = write_f32(&mut out, &geometry(), &[1.0], "").expect_err("one of two voxels");
+        let error = write_scalars(&mut out, &geometry(), &Scalars::F32(vec![1.0]), "").expect_err("one of two voxels");
         assert_eq!((error.kind(), out.len()), (io::ErrorKind::InvalidInput, 0));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use voxrole_pack::Histogram;
 
-use super::{HistogramLabels, check, quantities, with_unit};
+use super::{HistogramLabels, bin_edge, check, quantities, with_unit};
 use crate::Result;
 
 /// A histogram as comma-separated values: one row a bin with its middle, lower and upper edge along each axis and its
@@ -37,8 +37,8 @@ pub fn histogram_csv(histogram: &Histogram, labels: &HistogramLabels<'_>) -> Res
         for axis in axes {
             let along = rest % axis.bins as usize;
             rest /= axis.bins as usize;
-            let edge = |bin: usize| (axis.high - axis.low).mul_add(bin as f64 / f64::from(axis.bins), axis.low);
-            let _infallible = write!(table, "{},{},{},", axis.bin_center(along), edge(along), edge(along + 1));
+            let [low, high] = [along, along + 1].map(|bin| bin_edge(axis, bin));
+            let _infallible = write!(table, "{},{low},{high},", axis.bin_center(along));
         }
         let _infallible = writeln!(table, "{count}");
     }

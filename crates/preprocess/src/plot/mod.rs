@@ -1,10 +1,11 @@
-//! Pictures and tables of histograms and slices, as bytes of a PNG or CSV file; charts, as PNG or SVG.
+//! Pictures and tables of histograms and slices, as bytes of a PNG, CSV or `.npy` file; charts, as PNG or SVG.
 
 mod axis;
 mod chart;
 pub mod colour;
 mod histogram;
 mod histogram_csv;
+mod histogram_npy;
 mod label_placement;
 mod lettering;
 mod marker;
@@ -14,12 +15,13 @@ mod slice;
 use std::io::Cursor;
 
 use image::{ImageFormat, RgbImage};
-use voxrole_pack::{Histogram, HistogramKind};
+use voxrole_pack::{Histogram, HistogramAxis, HistogramKind};
 
 use crate::{Error, Result};
 pub use chart::{AxisScale, Chart, ChartAxis, Line, Point, Series, chart_png, chart_svg};
 pub use histogram::histogram_png;
 pub use histogram_csv::histogram_csv;
+pub use histogram_npy::{HistogramArrays, histogram_npy};
 pub use marker::SeriesStyle;
 pub use slice::{SliceAxis, SliceShading, slice_image, slice_png};
 
@@ -78,6 +80,11 @@ fn quantities(kind: HistogramKind, length_unit: &str) -> Vec<Quantity> {
             unit: length,
         }],
     }
+}
+
+/// The lower edge of a bin; with the number of bins, the upper edge of the last.
+fn bin_edge(axis: &HistogramAxis, bin: usize) -> f64 {
+    (axis.high - axis.low).mul_add(bin as f64 / f64::from(axis.bins), axis.low)
 }
 
 /// Checks that a histogram can be drawn and listed.
