@@ -57,6 +57,13 @@ peers-bilateral:
     cargo build --release --bin voxrole
     python3 tests/peers/bilateral.py target/release/voxrole
 
+# Every field in every export format, read back by other software, which is installed in a folder of its own.
+peers-exports:
+    python3 -m venv target/peers
+    target/peers/bin/pip install --quiet numpy pynrrd SimpleITK nibabel tifffile vtk zarr ome-zarr ome-zarr-models
+    cargo build --release -p voxrole-preprocess --bin voxrole
+    target/peers/bin/python tests/peers/exports.py target/release/voxrole
+
 # Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
 bench OUT:
     cargo build --release --no-default-features --bin voxrole

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
+use voxrole_pack::{ScalarType, Scalars};
 
 struct Workplace {
     folder: TempDir,
@@ -69,11 +70,19 @@ impl Workplace {
     }
 }
 
-/// The numbers of an NRRD file as this program writes it.
+/// The numbers of an NRRD file as this program writes it, of whatever type.
 fn floats(path: &Path) -> Vec<f32> {
     let bytes = fs::read(path).expect("reads");
     let start = bytes.windows(2).position(|window| window == b"\n\n").expect("a header") + 2;
-    bytes[start..].chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect()
+    let header = String::from_utf8_lossy(&bytes[..start]);
+    let name = header.lines().find_map(|line| line.strip_prefix("type: ")).expect("a type");
+    let scalar_type = match name {
+        "int8" => ScalarType::I8,
+        "uint16" => ScalarType::U16,
+        _ => ScalarType::F32,
+    };
+    let scalars = Scalars::from_le_bytes(scalar_type, &bytes[start..]);
+    (0..scalars.len()).map(|index| scalars.get(index) as f32).collect()
 }
 
 #[test]
@@ -86,6 +95,7 @@ fn the_main_job() {
     assert!(workplace.succeed("verify ball.vxr").contains("sound"));
     for kind in ["v-g", "v-f2", "v-hit", "hit-hit", "distance"] {
         workplace.succeed(&format!("histogram ball.vxr --kind {kind} -o {kind}.png"));
+        workplace.succeed(&format!("histogram ball.vxr --kind {kind} -o {kind}.npy"));
         let table = workplace.succeed(&format!("histogram ball.vxr --kind {kind} -o {kind}.csv"));
         assert!(table.is_empty());
         assert!(workplace.read(&format!("{kind}.png")).starts_with(b"\x89PNG"));
