@@ -39,6 +39,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 DIMS = (70, 50, 41)
 SPACING = numpy.array([0.7, 1.1, 2.3])
 ORIGIN = numpy.array([-31.25, 12.5, 101.75])
+RADIUS = 18
 FIELDS = ["value", "distance", "hit-gradient", "normal", "role", "gradient-magnitude", "second-derivative"]
 LPS_FROM_RAS = numpy.diag([-1.0, -1.0, 1.0, 1.0])
 outcomes = []
@@ -80,7 +81,7 @@ def ball(world_from_index):
     """A ball about the grid's middle that falls off softly, from 1 to 0."""
     points = positions(world_from_index, DIMS)
     distance = numpy.linalg.norm(points - points[tuple(n // 2 for n in DIMS)], axis=-1)
-    return 1 / (1 + numpy.exp((distance - 18) / 2))
+    return 1 / (1 + numpy.exp((distance - RADIUS) / 2))
 
 
 def read_pynrrd(path):
@@ -258,8 +259,9 @@ def check_normals(normals, role, world_from_index):
     """The normals of boundary voxels point to the ball's middle, in left-posterior-superior."""
     points = positions(world_from_index, DIMS)
     inwards = points[tuple(n // 2 for n in DIMS)] - points
-    inwards /= numpy.maximum(numpy.linalg.norm(inwards, axis=-1, keepdims=True), 1e-9)
-    cosine = (normals * inwards).sum(axis=-1)[role == 1]
+    distance = numpy.linalg.norm(inwards, axis=-1)
+    on_ball = (role == 1) & (numpy.abs(distance - RADIUS) < 2)
+    cosine = (normals * inwards).sum(axis=-1)[on_ball] / distance[on_ball]
     angle = math.degrees(math.acos(min(1, cosine.min())))
     line("normal", "NRRD", "formula", [] if angle < 6 else ["not equal"], f", at most {angle:.1f} degrees off")
 

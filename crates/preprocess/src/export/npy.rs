@@ -27,8 +27,10 @@ pub fn write(out: &mut impl Write, volume: &FieldVolume) -> io::Result<()> {
 #[must_use]
 pub fn header(descr: &str, fortran_order: bool, shape: &[usize]) -> Vec<u8> {
     let order = if fortran_order { "True" } else { "False" };
-    let shape: String = shape.iter().map(|length| format!("{length}, ")).collect();
-    let text = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': ({}), }}", shape.trim_end());
+    let lengths = shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    // A tuple of one has a comma.
+    let lengths = if shape.len() == 1 { lengths + "," } else { lengths };
+    let text = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': ({lengths}), }}");
     // Ten bytes stand before the text, one line end behind it.
     let length = (10 + text.len() + 1).next_multiple_of(ALIGNMENT) - 10;
     let mut header = b"\x93NUMPY\x01\x00".to_vec();

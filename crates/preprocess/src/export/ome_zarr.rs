@@ -63,7 +63,7 @@ fn write_level(store: &Arc<FilesystemStore>, path: usize, volume: &FieldVolume) 
     // Of one component: channels come one after the other.
     let dims = [nz, ny, nx];
     let chunk = dims.map(|dim| dim.min(CHUNK_EDGE));
-    let shard = [0, 1, 2].map(|axis| dims[axis].div_ceil(chunk[axis]).min(SHARD_CHUNKS) * chunk[axis]);
+    let shard = [0, 1, 2].map(|axis| shard_chunks(dims[axis].div_ceil(chunk[axis])) * chunk[axis]);
     let components = volume.components() as u64;
     let with_channels = |of_channels: u64, [z, y, x]: [u64; 3]| -> Vec<u64> {
         if components == 1 { vec![z, y, x] } else { vec![of_channels, z, y, x] }
@@ -92,6 +92,11 @@ fn write_level(store: &Arc<FilesystemStore>, path: usize, volume: &FieldVolume) 
         }
     }
     Ok(())
+}
+
+/// Chunks of a shard along an axis of that many: as few as make no more shards, so that little of the last one is empty.
+fn shard_chunks(chunks: u64) -> u64 {
+    chunks.div_ceil(chunks.div_ceil(SHARD_CHUNKS))
 }
 
 fn store_shard(
@@ -154,5 +159,15 @@ fn data_type_of(scalar_type: ScalarType) -> DataType {
         ScalarType::I32 => data_type::int32(),
         ScalarType::F32 => data_type::float32(),
         ScalarType::F64 => data_type::float64(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_are_evenly_filled() {
+        assert_eq!([1, 2, 4, 5, 6, 8, 9].map(shard_chunks), [1, 2, 4, 3, 3, 4, 3]);
     }
 }

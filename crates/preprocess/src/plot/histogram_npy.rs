@@ -48,7 +48,7 @@ mod tests {
             vec![HistogramAxis { low: 0.0, high: 4.0, bins: 2 }, HistogramAxis { low: -1.0, high: 1.0, bins: 1 }];
         let shape = HistogramShape { kind: HistogramKind::ValueGradient, axes };
         let arrays = histogram_npy(&Histogram { shape, counts: vec![7, 256] }).expect("valid");
-        assert!(String::from_utf8_lossy(&arrays.counts).contains("'fortran_order': True, 'shape': (2, 1,), }"));
+        assert!(String::from_utf8_lossy(&arrays.counts).contains("'fortran_order': True, 'shape': (2, 1), }"));
         assert!(arrays.counts.ends_with(&[7, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]));
         let [(first, value), (second, gradient)] = arrays.edges.as_slice() else { panic!("two axes") };
         assert_eq!((*first, *second), ("value", "gradient_magnitude"));
