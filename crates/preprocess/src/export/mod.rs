@@ -44,7 +44,7 @@ impl Export {
     /// Writes one field of a packed file to `path`, which is a folder for [`ExportFormat::OmeZarr`] and a file else. It appears
     /// under its name when it is complete, and replaces what had that name. NIfTI is packed if `path` ends in `.gz`.
     ///
-    /// Takes the memory of the layer that the field is read from, and some 100 MiB.
+    /// Takes the memory of the layer that the field is read from, and up to 0.3 GiB for OME-Zarr, else some 20 MiB.
     ///
     /// Returns what the format could not hold, as sentences for the user.
     ///

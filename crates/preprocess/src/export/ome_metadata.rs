@@ -82,11 +82,7 @@ fn dataset(path: usize, names: &[&str], level: &GridGeometry) -> Value {
 fn channels(volume: &FieldVolume) -> Vec<Value> {
     let [low, high] = volume.finite_range().unwrap_or([0.0, 1.0]);
     let high = if high > low { high } else { low + 1.0 };
-    let name = volume.field().name();
-    let labels = match volume.components() {
-        1 => vec![name.to_owned()],
-        _ => ["x", "y", "z"].map(|axis| format!("{name} {axis}")).to_vec(),
-    };
+    let labels = if volume.components() == 1 { vec![volume.field().name()] } else { vec!["x", "y", "z"] };
     let window = json!({ "min": low, "max": high, "start": low, "end": high });
     labels
         .into_iter()
