@@ -12,7 +12,6 @@ use voxrole_pack::{
 
 use crate::Result;
 use crate::fields::{Field, RoleCode};
-use crate::levels::{level_geometry, read_layer, read_value};
 
 /// Voxels that are made physical at a time.
 pub const CHUNK_VOXELS: usize = 1 << 16;
@@ -49,33 +48,29 @@ impl FieldVolume {
     /// Reads a field; level 0 is the volume itself.
     ///
     /// # Errors
-    /// [`crate::Error::Pack`] when the file is damaged or has no such layer, or memory runs out;
-    /// [`crate::Error::Parameter`] when it has no such level.
-    pub fn read(reader: &Reader, field: Field, level: u32) -> Result<Self> {
-        let geometry = level_geometry(reader, level)?;
+    /// [`crate::Error::Pack`] when the file is damaged or has no such layer or level, or memory runs out.
+    pub fn read(reader: &Reader, field: Field, level: usize) -> Result<Self> {
+        let geometry = reader.geometry(level)?;
         let numbers = match field {
             Field::Value => {
-                let (stored, slope, intercept) = read_value(reader, level)?;
+                let (stored, slope, intercept) = reader.read_value_level(level)?;
                 Numbers::Value { stored, slope, intercept }
             }
-            Field::Distance => {
-                Numbers::Distance(read_layer(reader, LayerKind::Distance, level)?, reader.distance_quantization()?)
+            Field::Distance => Numbers::Distance(reader.read_distance(level)?, reader.distance_quantization()?),
+            Field::HitGradient => {
+                Numbers::HitGradient(reader.read_hit_gradient(level)?, reader.hit_gradient_quantization()?)
             }
-            Field::HitGradient => Numbers::HitGradient(
-                read_layer(reader, LayerKind::HitGradient, level)?,
-                reader.hit_gradient_quantization()?,
-            ),
             Field::Normal => Numbers::Normal {
-                stored: read_layer(reader, LayerKind::Normal, level)?,
+                stored: reader.read_level(LayerKind::Normal, level)?,
                 world_from_axes: geometry.world_from_axes(),
             },
             Field::Role => Numbers::Role {
-                stored: read_layer(reader, LayerKind::Distance, level)?,
+                stored: reader.read_distance(level)?,
                 quantization: reader.distance_quantization()?,
                 half: 0.5 * reader.header().geometry.smallest_spacing() as f32,
             },
             Field::GradientMagnitude | Field::SecondDerivative => {
-                Numbers::Derivative(read_layer(reader, field.layer(), level)?)
+                Numbers::Derivative(reader.read_level(field.layer(), level)?)
             }
         };
         Ok(Self { field, geometry, numbers })

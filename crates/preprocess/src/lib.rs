@@ -23,7 +23,6 @@ pub mod grid;
 pub mod holes;
 pub mod io;
 pub mod joint_histogram;
-pub mod levels;
 #[cfg(test)]
 mod naive_mean;
 pub mod noise;

@@ -182,7 +182,7 @@ pub struct ExportArgs {
     /// Level to write: 0 is the volume, each next one has every second voxel along each axis. OME-Zarr holds this one and all
     /// coarser ones.
     #[arg(long, value_name = "N", default_value_t = 0)]
-    pub level: u32,
+    pub level: usize,
     /// Pack NRRD by gzip and VTI by zlib.
     #[arg(long)]
     pub compress: bool,

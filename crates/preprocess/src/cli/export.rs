@@ -6,7 +6,6 @@ use anyhow::{Context, bail, ensure};
 use voxrole_pack::Header;
 use voxrole_preprocess::export::{Export, ExportFormat, check_replaceable_folder};
 use voxrole_preprocess::fields::Field;
-use voxrole_preprocess::levels::level_geometry;
 
 use super::args::ExportArgs;
 
@@ -20,7 +19,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     let reader = super::open(&args.file)?;
     let named = || args.file.display().to_string();
     let fields = fields(args, reader.header()).with_context(named)?;
-    level_geometry(&reader, args.level).with_context(named)?;
+    reader.geometry(args.level).with_context(named)?;
     let folder = (args.all || fields.len() > 1 || is_plain_folder(&args.output)).then_some(args.output.as_path());
     let tasks = tasks(args, &fields, folder)?;
     check_outputs(&tasks, &args.file, folder)?;

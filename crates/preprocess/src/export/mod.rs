@@ -33,7 +33,7 @@ pub struct Export {
     /// What.
     pub field: Field,
     /// The level, or with [`ExportFormat::OmeZarr`] the finest one; 0 is the volume itself.
-    pub level: u32,
+    pub level: usize,
     /// How.
     pub format: ExportFormat,
     /// Whether the numbers of NRRD and VTI are packed.
@@ -49,8 +49,8 @@ impl Export {
     /// Returns what the format could not hold, as sentences for the user.
     ///
     /// # Errors
-    /// [`Error::Pack`] when the packed file is damaged or has no such layer; [`Error::Parameter`] when it has no such level,
-    /// or the program was built without the format; [`Error::Io`] when the output cannot be written, or the format
+    /// [`Error::Pack`] when the packed file is damaged or has no such layer or level; [`Error::Parameter`] when the program was
+    /// built without the format; [`Error::Io`] when the output cannot be written, or the format
     /// cannot hold such a volume.
     pub fn write(&self, reader: &Reader, path: &Path) -> Result<Vec<String>> {
         if self.format == ExportFormat::OmeZarr {

@@ -17,7 +17,6 @@ use super::{ExportFormat, check_replaceable_folder, component, losses};
 use crate::atomic_folder::AtomicFolder;
 use crate::field_volume::FieldVolume;
 use crate::fields::Field;
-use crate::levels::{level_count, level_geometry};
 use crate::{Error, Result};
 
 /// Longest edge of a chunk in voxels.
@@ -32,16 +31,17 @@ const ZSTD_LEVEL: i32 = 3;
 /// # Errors
 /// As [`super::Export::write`]; [`Error::Io`] too when there is a folder of that name that does not look as if it was
 /// written here, or a file.
-pub(super) fn write(reader: &Reader, field: Field, finest: u32, path: &Path) -> Result<Vec<String>> {
+pub(super) fn write(reader: &Reader, field: Field, finest: usize, path: &Path) -> Result<Vec<String>> {
     check_replaceable_folder(path).map_err(Error::io(path))?;
-    let geometries: Vec<GridGeometry> = (finest..level_count(reader).max(finest + 1))
-        .map(|level| level_geometry(reader, level))
-        .collect::<Result<_>>()?;
+    reader.geometry(finest)?;
+    let levels = finest..reader.levels();
+    let geometries: Vec<GridGeometry> =
+        levels.clone().map(|level| reader.geometry(level)).collect::<voxrole_pack::Result<_>>()?;
     let folder = AtomicFolder::create(path).map_err(Error::io(path))?;
     let failed = |error: Box<dyn std::error::Error + Send + Sync>| Error::io(path)(io::Error::other(error));
     let store = Arc::new(FilesystemStore::new(folder.path()).map_err(|error| failed(error.into()))?);
     let mut lost = Vec::new();
-    for (index, level) in (finest..).take(geometries.len()).enumerate() {
+    for (index, level) in levels.enumerate() {
         let volume = FieldVolume::read(reader, field, level)?;
         if index == 0 {
             lost = losses(ExportFormat::OmeZarr, &volume);
