@@ -8,6 +8,7 @@ use voxrole_pack::ScalarType;
 use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, read_volume};
 
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
+use crate::vti::{FORMS, Vti};
 
 const I16: StoredType = StoredType { scalar_type: ScalarType::I16, byte_order: ByteOrder::Big };
 /// Numbers that readers have stumbled over.
@@ -94,7 +95,11 @@ fn good_files() -> Vec<Files> {
     let by_quaternion = Nifti { codes: [1, 0], ..nifti.clone() };
     let pair = Nifti { magic: *b"ni1\0", vox_offset: 0.0, ..nifti.clone() };
     let matrix = "TransformMatrix = 0 1 0 -1 0 0 0 0 1\nOffset = 1 2 3\nElementSpacing = 1 2 3\n";
-    vec![
+    let vti = FORMS.into_iter().flat_map(|form| {
+        ["", "vtkZLibDataCompressor", "vtkLZ4DataCompressor"]
+            .map(|compressor| Files::new([("a.vti", Vti { compressor, ..Vti::new(I16, form) }.file())]))
+    });
+    let mut files = vec![
         Files::new([("a.nrrd", [nrrd(&format!("encoding: raw\n{space}")), data.clone()].concat())]),
         Files::new([("a.nrrd", [nrrd(&format!("encoding: gzip\n{space}")), gzip(&data)].concat())]),
         Files::new([
@@ -110,7 +115,9 @@ fn good_files() -> Vec<Files> {
         Files::new([("a.nii", by_quaternion.file())]),
         Files::new([("a.nii.gz", gzip(&nifti.file()))]),
         Files::new([("a.hdr", pair.header()), ("a.img", data)]),
-    ]
+    ];
+    files.extend(vti);
+    files
 }
 
 #[test]
