@@ -1,4 +1,4 @@
-//! Command-line options that say how to read a volume, shared by both programs.
+//! Command-line options that describe a headerless volume, shared by both programs.
 
 use std::fmt::Debug;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use clap::Args;
 
 use crate::io::{RawLayout, ReadOptions, StoredType};
 
-/// Options for a headerless volume, which a file with a header needs none of, and for a file of several.
+/// Options for a headerless volume; a file with a header needs none.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Headerless input")]
 pub struct RawArgs {
@@ -23,19 +23,13 @@ pub struct RawArgs {
     /// Bytes before the first number.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub skip_bytes: u64,
-    /// Which of several numbers of a voxel, or channels, counted from 0.
-    #[arg(long, value_name = "N", help_heading = "Input of several volumes")]
-    pub component: Option<usize>,
-    /// Which point of time, counted from 0.
-    #[arg(long, value_name = "N", help_heading = "Input of several volumes")]
-    pub time: Option<usize>,
 }
 
 impl RawArgs {
     /// How to read a volume by these options.
     #[must_use]
     pub fn read_options(&self) -> ReadOptions {
-        ReadOptions { raw: self.layout(), component: self.component, time: self.time }
+        ReadOptions { raw: self.layout(), ..ReadOptions::default() }
     }
 
     fn layout(&self) -> Option<RawLayout> {

@@ -39,8 +39,8 @@ use crate::{Error, Grid, Result};
 const PROBE_BYTES: usize = 352;
 
 /// What to say about a file that no reader knows.
-const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha) or NIfTI-1 (.nii, .nii.gz, .hdr with \
-.img); if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
+const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI-1 (.nii, .nii.gz, .hdr with \
+.img), VTI, TIFF or Zarr; if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
 
 /// Reads a volume: [`open_volume`] and [`VolumeFile::load`] in one.
 ///
@@ -116,7 +116,9 @@ fn probe(path: &Path) -> Result<Vec<u8>> {
 /// Why a file that begins with `start` cannot be read, and what to do about it.
 fn unreadable(start: &[u8]) -> String {
     let convert = |kind: &str, tools: &str| {
-        format!("expected NRRD, MetaImage or NIfTI-1, found {kind}, which is not read yet: convert it first ({tools})")
+        format!(
+            "expected NRRD, MetaImage, NIfTI-1, VTI, TIFF or Zarr, found {kind}, which is not read yet: convert it first ({tools})"
+        )
     };
     let contains = |needle: &[u8]| start.windows(needle.len()).any(|window| window == needle);
     if start.is_empty() {

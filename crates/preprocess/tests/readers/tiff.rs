@@ -58,11 +58,11 @@ impl Tiff {
             file.extend(plane);
         }
         let mut link = 4;
-        for page in 0..self.pages {
+        for (page, &strip) in strips.iter().enumerate().take(self.pages) {
             file.resize(file.len().next_multiple_of(2), 0);
             let start = self.long(file.len() as u32);
             file[link..link + 4].copy_from_slice(&start);
-            link = self.append_page(&mut file, strips[page], page == 0);
+            link = self.append_page(&mut file, strip, page == 0);
         }
         file
     }

@@ -89,6 +89,7 @@ fn bad_metadata_are_refused() {
         ("[5, 4, 3]", "[5, 4]", "found"),
         ("[5, 4, 3]", "[5, 4, 0]", "hold no voxel"),
         ("[5, 4, 3]", "[2147483648, 2147483648, 2147483648]", "what a machine can address"),
+        ("[5, 4, 3]", "[2147483648, 4, 3]", "chunks beside its metadata"),
         ("[5, 4, 3]", "[5, 4, 3, 2]", "found"),
         ("[5, 4, 3]", "[5, 4, -3]", "found"),
         ("[2, 4, 3]", "[2, 4, 0]", "found"),
@@ -151,7 +152,7 @@ fn bad_chunks_are_refused() {
     }
     let empty = store(ScalarType::U16, BYTES, <[u8]>::to_vec);
     fs::remove_dir_all(empty.path().join("c")).expect("removed");
-    assert!(message(empty.path()).contains("expected chunks"), "{}", message(empty.path()));
+    assert!(message(empty.path()).contains("at least 1 of the array"), "{}", message(empty.path()));
 }
 
 #[test]

@@ -154,13 +154,10 @@ impl<'a> Builder<'a> {
                 }
             }
             b"ImageData" => self.image = Some(fields()?),
-            b"Piece" => {
-                if self.piece.replace(fields()?).is_some() {
-                    return Err(
-                        self.fail("expected one piece, found several: join them first, for example with ParaView")
-                    );
-                }
+            b"Piece" if self.piece.is_some() => {
+                return Err(self.fail("expected one piece, found several: join them first, for example with ParaView"));
             }
+            b"Piece" => self.piece = Some(fields()?),
             b"PointData" => {
                 self.points.scalars = fields()?.get(&["Scalars"]).map(str::to_owned);
                 self.section = Section::Points;

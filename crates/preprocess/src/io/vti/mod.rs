@@ -37,11 +37,7 @@ pub(super) fn is_header(start: &[u8]) -> bool {
 /// As [`super::open_volume`].
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let document = Document::read(path)?;
-    if let Some(time) = options.time {
-        let message =
-            format!("expected a volume with points of time to choose {time} from, found image data, which have none");
-        return Err(Error::format(path, message));
-    }
+    options.time_of(1).map_err(|message| Error::format(path, message))?;
     let of_cells = document.points.all.is_empty() && !document.cells.all.is_empty();
     let array = active_array(path, if of_cells { &document.cells } else { &document.points })?;
     let geometry = placement(&document, of_cells)?.geometry(path)?;

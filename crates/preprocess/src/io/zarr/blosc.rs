@@ -11,6 +11,8 @@ const HEADER_BYTES: usize = 16;
 /// Blocks are split into one stream for each byte of a number if that has at most so many bytes, and a stream at least so many.
 const MAX_SPLITS: usize = 16;
 const MIN_STREAM_BYTES: usize = 128;
+/// Longest block that is read; the C library makes blocks of a few MiB at most, unless it is told otherwise.
+const MAX_BLOCK_BYTES: usize = 256 << 20;
 /// Distance from which on a match of BloscLZ has two bytes more.
 const FAR_DISTANCE: usize = 8191;
 
@@ -64,16 +66,19 @@ pub fn unpack(packed: &[u8], limit: u64) -> Result<Vec<u8>, String> {
     if header.bytes == 0 {
         return Ok(Vec::new());
     }
-    if header.block_bytes == 0 || header.block_bytes > header.bytes {
+    if header.block_bytes == 0 || header.block_bytes > header.bytes.min(MAX_BLOCK_BYTES) {
         return Err(damaged());
     }
-    // Every block has a start of four bytes: a chunk cannot claim many more bytes than it has blocks for.
     let starts = HEADER_BYTES + 4 * header.bytes.div_ceil(header.block_bytes);
     let starts = packed.get(HEADER_BYTES..starts).ok_or_else(damaged)?;
-    let mut unpacked = vec![0; header.bytes];
+    let mut unpacked = Vec::new();
     let mut streams = vec![0; header.block_bytes];
-    for (start, block) in starts.chunks_exact(4).zip(unpacked.chunks_mut(header.block_bytes)) {
+    for start in starts.chunks_exact(4) {
         let start = start.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes)) as usize;
+        let begin = unpacked.len();
+        // Block by block: a header can claim more than there is.
+        unpacked.resize(header.bytes.min(begin + header.block_bytes), 0);
+        let block = &mut unpacked[begin..];
         let streams = &mut streams[..block.len()];
         unpack_block(&header, packed.get(start..).ok_or_else(damaged)?, streams).ok_or_else(damaged)?;
         if header.is(Header::SHUFFLED) && header.type_size > 1 {
@@ -184,7 +189,7 @@ fn unshuffle(streams: &[u8], type_size: usize, block: &mut [u8]) {
 /// The same for bits, of counts of numbers that are multiples of eight; others are as they are.
 fn unshuffle_bits(streams: &[u8], type_size: usize, block: &mut [u8]) {
     let count = streams.len() / type_size;
-    if count % 8 != 0 {
+    if !count.is_multiple_of(8) {
         block.copy_from_slice(streams);
         return;
     }

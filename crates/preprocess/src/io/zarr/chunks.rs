@@ -52,6 +52,7 @@ impl Slabs for Chunks {
                     axis => self.fixed[axis]..self.fixed[axis] + 1,
                 })
                 .collect();
+            self.check_memory((end - start) * slice_bytes)?;
             let subset = ArraySubset::new_with_ranges(&ranges);
             let bytes = self.array.retrieve_array_subset_opt::<ArrayBytes<'static>>(&subset, &CodecOptions::default());
             let bytes =
@@ -73,6 +74,14 @@ impl Chunks {
         let shape = self.array.effective_subchunk_shape();
         let shape = shape.or_else(|| self.array.chunk_shape(&vec![0; self.array.dimensionality()]).ok());
         shape.map_or(1, |shape| shape[self.z].get())
+    }
+
+    /// Makes sure that there is memory for slices, and as much for their chunks: `zarrs` would end the program.
+    fn check_memory(&self, bytes: u64) -> Result<()> {
+        let fits = usize::try_from(bytes.saturating_mul(2))
+            .is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
+        let what = || format!("slices of {}", self.files[0].display());
+        if fits { Ok(()) } else { Err(Error::OutOfMemory { what: what(), bytes: u128::from(bytes) * 2 }) }
     }
 
     fn broken(&self, error: &ArrayError, slices: std::ops::Range<u64>) -> Error {

@@ -28,6 +28,9 @@ const MAX_METADATA_BYTES: u64 = 16 << 20;
 const MAX_AXES: usize = 16;
 /// Largest chunk that is read although the array itself is smaller.
 const MAX_CHUNK_BYTES: u64 = 256 << 20;
+/// Volumes above this length must have one in so many of their chunks.
+const SPARSE_BYTES: u64 = 1 << 30;
+const MAX_SPARSENESS: u64 = 1000;
 
 /// Whether `path` is a folder with the metadata of a Zarr array or group.
 pub(super) fn is_store(path: &Path) -> bool {
@@ -152,9 +155,8 @@ impl<'a> Store<'a> {
         let Lattice { spacing, origin, unit } = lattice;
         let placement = Placement { origin, unit, ..Placement::axis_aligned([x, y, depth], spacing) };
         let geometry = placement.geometry(self.path)?;
-        if !has_chunk(self.metadata.parent().unwrap_or(self.path), MAX_AXES) {
-            return Err(fail("expected chunks beside the metadata, found none".into()));
-        }
+        let bytes = geometry.voxel_count() as u64 * self.scalar_type.size_in_bytes() as u64;
+        check_stored(self.metadata.parent().unwrap_or(self.path), &self.array, bytes).map_err(fail)?;
         let chunks = Chunks { files: [self.metadata], array: self.array, scalar_type: self.scalar_type, fixed, z };
         VolumeFile::new(self.path, geometry, Numbers::Slabs(Box::new(chunks)), 1.0, 0.0)
     }
@@ -283,13 +285,34 @@ fn check_chunks(array: &Array<ChunkFiles>, scalar_type: ScalarType, limit: u64) 
     }
 }
 
-/// Whether there is any file but metadata in an array's folder.
-fn has_chunk(folder: &Path, depth: usize) -> bool {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.into_iter().any(|entry| {
+/// Makes sure that a large volume is not nearly all fill value, which costs a hostile file nothing.
+fn check_stored(folder: &Path, array: &Array<ChunkFiles>, bytes: u64) -> std::result::Result<(), String> {
+    let chunks = array.chunk_grid_shape().iter().fold(1, |chunks: u64, &count| chunks.saturating_mul(count));
+    let needed = if bytes > SPARSE_BYTES { chunks.div_ceil(MAX_SPARSENESS) } else { 1 };
+    let found = stored_chunks(folder, MAX_AXES, needed);
+    if found < needed {
+        return Err(format!(
+            "expected at least {needed} of the array's {chunks} chunks beside its metadata, found {found}"
+        ));
+    }
+    Ok(())
+}
+
+/// Count of files but metadata in an array's folder, counted up to `enough`.
+fn stored_chunks(folder: &Path, depth: usize, enough: u64) -> u64 {
+    let mut count = 0;
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let is_metadata = name.as_encoded_bytes().starts_with(b".") || name == "zarr.json";
         let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        if is_folder { depth > 0 && has_chunk(&entry.path(), depth - 1) } else { !is_metadata }
-    })
+        count += match is_folder {
+            true if depth > 0 => stored_chunks(&entry.path(), depth - 1, enough - count),
+            true => 0,
+            false => u64::from(!is_metadata),
+        };
+        if count >= enough {
+            break;
+        }
+    }
+    count
 }
