@@ -53,7 +53,8 @@ pub struct FileArgs {
 /// `prepare`.
 #[derive(Debug, Args)]
 pub struct PrepareArgs {
-    /// Volumes: NRRD, MetaImage, NIfTI-1, or headerless with --dims and --dtype, which then hold for all.
+    /// Volumes: NRRD, MetaImage, NIfTI-1, VTI, TIFF, folders of Zarr or of TIFF slices, or headerless with --dims and --dtype,
+    /// which then hold for all.
     #[arg(value_name = "VOLUME", required = true)]
     pub inputs: Vec<PathBuf>,
     /// Packed file to write; with several volumes a folder, made if there is none, for files named after them: a.nrrd and

@@ -51,7 +51,17 @@ fn check_output(output: &Path, inputs: &[&Path], extension: Option<&str>) -> any
     {
         bail!("{}: what is written is {extension}; name it so", named());
     }
+    if let Some(input) = inputs.iter().find(|input| is_inside(output, input)) {
+        bail!("{}: lies in the folder {}, which is an input; write it elsewhere", named(), input.display());
+    }
     atomic_file::check_output(output, inputs).with_context(named)
+}
+
+/// Whether `output`, which need not exist, lies in `folder`.
+fn is_inside(output: &Path, folder: &Path) -> bool {
+    let parent = output.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Ok(parent), Ok(folder)) = (parent.canonicalize(), folder.canonicalize()) else { return false };
+    folder.is_dir() && parent.starts_with(folder)
 }
 
 /// Makes a folder to write into, unless there is one; returns whether it was made.

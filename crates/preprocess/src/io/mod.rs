@@ -12,7 +12,15 @@ pub mod raw;
 mod read_options;
 mod slabs;
 mod stored_voxels;
+#[cfg(feature = "tiff")]
+mod tiff;
+#[cfg(any(feature = "tiff", feature = "zarr"))]
+mod units;
 mod volume_file;
+mod vti;
+mod xml;
+#[cfg(feature = "zarr")]
+mod zarr;
 
 use std::ffi::OsStr;
 use std::io::{BufReader, Read};
@@ -31,8 +39,8 @@ use crate::{Error, Grid, Result};
 const PROBE_BYTES: usize = 352;
 
 /// What to say about a file that no reader knows.
-const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha) or NIfTI-1 (.nii, .nii.gz, .hdr with \
-.img); if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
+const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI-1 (.nii, .nii.gz, .hdr with \
+.img), VTI, TIFF or Zarr; if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
 
 /// Reads a volume: [`open_volume`] and [`VolumeFile::load`] in one.
 ///
@@ -55,12 +63,27 @@ pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     if let Some(layout) = &options.raw {
         return raw::read(path, layout);
     }
+    #[cfg(feature = "zarr")]
+    if zarr::is_store(path) {
+        return zarr::read(path, options);
+    }
+    #[cfg(feature = "tiff")]
+    if tiff::is_stack_folder(path) {
+        return tiff::read_folder(path, options);
+    }
     let start = probe(path)?;
+    #[cfg(feature = "tiff")]
+    if tiff::is_header(&start) {
+        return tiff::read(path, options);
+    }
     if start.starts_with(b"NRRD0") {
         return nrrd::read(path);
     }
     if nifti::is_header(&start) {
         return nifti::read(path, false);
+    }
+    if vti::is_header(&start) {
+        return vti::read(path, options);
     }
     let has_extension = |extension: &str| {
         path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension))
@@ -93,7 +116,9 @@ fn probe(path: &Path) -> Result<Vec<u8>> {
 /// Why a file that begins with `start` cannot be read, and what to do about it.
 fn unreadable(start: &[u8]) -> String {
     let convert = |kind: &str, tools: &str| {
-        format!("expected NRRD, MetaImage or NIfTI-1, found {kind}, which is not read yet: convert it first ({tools})")
+        format!(
+            "expected NRRD, MetaImage, NIfTI-1, VTI, TIFF or Zarr, found {kind}, which is not read yet: convert it first ({tools})"
+        )
     };
     let contains = |needle: &[u8]| start.windows(needle.len()).any(|window| window == needle);
     if start.is_empty() {
@@ -105,11 +130,15 @@ fn unreadable(start: &[u8]) -> String {
     if start.get(128..132) == Some(b"DICM") {
         return convert("DICOM", "for example with dcm2niix, or with 3D Slicer");
     }
-    if contains(b"<VTKFile") {
-        return convert("VTK's XML image data (.vti)", "for example with ParaView, or with vtkMetaImageWriter");
+    if start.starts_with(b"PK\x03\x04") {
+        return "expected a volume, found a zip file: if it is a Zarr store or holds slices, unpack it first".into();
+    }
+    if contains(b"# vtk DataFile Version") {
+        return convert("VTK's legacy format", "for example with ParaView: Save Data, VTK ImageData Files (.vti)");
     }
     if [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic)) {
-        return convert("TIFF", "for example with ImageJ/Fiji: Save As, Nrrd");
+        return "found TIFF, whose reader was left out when this program was built: build it with the feature `tiff`"
+            .into();
     }
     format!("found a file of no known kind; {WAYS_OUT}")
 }
@@ -124,7 +153,7 @@ mod tests {
         dicom.extend_from_slice(b"DICM\x02\0");
         for (start, expected) in [
             (dicom.as_slice(), "DICOM"),
-            (b"<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">", ".vti"),
+            (b"# vtk DataFile Version 3.0\n", ".vti"),
             (b"II*\0\x08\0\0\0", "TIFF"),
             (b"MM\0*\0\0\0\x08", "TIFF"),
             (b"\x89VXR\r\n\x1a\n", "already packed file"),

@@ -24,8 +24,10 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// Where the stored bytes begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Start {
-    /// So many bytes into the file.
+    /// So many bytes into the file, with which they end.
     Offset(u64),
+    /// So many bytes into the file, where other things may follow; for plain data only.
+    Section(u64),
     /// So that they end with the file; for plain data only.
     FileEnd,
 }
@@ -141,17 +143,21 @@ impl Payload {
         }
     }
 
-    /// The first stored byte's position; for plain data only if the file has exactly the length that it must have.
+    /// The first stored byte's position; for plain data only if the file has the length that it must have.
     fn offset(&self, length: u64) -> Result<u64> {
         let expected = self.expected_bytes();
         let offset = match self.start {
-            Start::Offset(offset) => offset,
+            Start::Offset(offset) | Start::Section(offset) => offset,
             Start::FileEnd => length.saturating_sub(expected),
         };
         let available = length.checked_sub(offset).ok_or_else(|| {
             self.fail(format!("expected voxels from byte {offset} on, found a file of {length} bytes; {}", self.hint))
         })?;
-        if self.encoding == Encoding::Plain && available != expected {
+        let fits = match self.start {
+            Start::Section(_) => available >= expected,
+            _ => available == expected,
+        };
+        if self.encoding == Encoding::Plain && !fits {
             return Err(self.fail(format!(
                 "{}, found {available} from byte {offset} on; {}",
                 self.expectation(),
@@ -327,14 +333,14 @@ impl<'a> Decoding<'a> {
 }
 
 /// A zlib stream that knows whether it has ended: flate2's own reader takes a truncated checksum for a good end.
-struct ZlibStream<R> {
+pub(super) struct ZlibStream<R> {
     input: R,
     inflate: Decompress,
     ended: bool,
 }
 
 impl<R: BufRead> ZlibStream<R> {
-    fn new(input: R) -> Self {
+    pub fn new(input: R) -> Self {
         Self { input, inflate: Decompress::new(true), ended: false }
     }
 }
@@ -412,6 +418,7 @@ mod tests {
             (SIX.to_vec(), Start::Offset(0), Encoding::Plain, 0),
             (with_prefix.clone(), Start::Offset(3), Encoding::Plain, 0),
             (with_prefix.clone(), Start::FileEnd, Encoding::Plain, 0),
+            ([&with_prefix, b"def".as_slice()].concat(), Start::Section(3), Encoding::Plain, 0),
             (gzip(&with_prefix), Start::Offset(0), Encoding::Gzip, 3),
             (members, Start::Offset(0), Encoding::Gzip, 0),
             (zlib(&SIX), Start::Offset(0), Encoding::Zlib(None), 0),

@@ -116,6 +116,7 @@ fn unit_name(name: &str) -> std::result::Result<String, String> {
         "um" | "\u{3bc}m" | "micron" | "microns" | "micrometer" | "micrometers" | "micrometre" | "micrometres" => {
             "\u{b5}m"
         }
+        "nanometer" | "nanometers" | "nanometre" | "nanometres" => "nm",
         "meter" | "meters" | "metre" | "metres" => "m",
         "none" | "unknown" | "???" => "",
         other => other,

@@ -2,7 +2,13 @@
 
 mod broken;
 mod no_panic;
+mod peers;
 mod placement;
 mod real_data;
 mod round_trip;
 mod samples;
+#[cfg(feature = "tiff")]
+mod tiff;
+mod vti;
+#[cfg(feature = "zarr")]
+mod zarr;

@@ -1,6 +1,7 @@
 //! Whatever is done to a good file, reading it ends with a volume or an error, never with a panic.
 
 use std::fs;
+use std::path::Path;
 
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -8,6 +9,7 @@ use voxrole_pack::ScalarType;
 use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, read_volume};
 
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
+use crate::vti::{FORMS, Vti};
 
 const I16: StoredType = StoredType { scalar_type: ScalarType::I16, byte_order: ByteOrder::Big };
 /// Numbers that readers have stumbled over.
@@ -94,7 +96,11 @@ fn good_files() -> Vec<Files> {
     let by_quaternion = Nifti { codes: [1, 0], ..nifti.clone() };
     let pair = Nifti { magic: *b"ni1\0", vox_offset: 0.0, ..nifti.clone() };
     let matrix = "TransformMatrix = 0 1 0 -1 0 0 0 0 1\nOffset = 1 2 3\nElementSpacing = 1 2 3\n";
-    vec![
+    let vti = FORMS.into_iter().flat_map(|form| {
+        ["", "vtkZLibDataCompressor", "vtkLZ4DataCompressor"]
+            .map(|compressor| Files::new([("a.vti", Vti { compressor, ..Vti::new(I16, form) }.file())]))
+    });
+    let mut files = vec![
         Files::new([("a.nrrd", [nrrd(&format!("encoding: raw\n{space}")), data.clone()].concat())]),
         Files::new([("a.nrrd", [nrrd(&format!("encoding: gzip\n{space}")), gzip(&data)].concat())]),
         Files::new([
@@ -110,24 +116,94 @@ fn good_files() -> Vec<Files> {
         Files::new([("a.nii", by_quaternion.file())]),
         Files::new([("a.nii.gz", gzip(&nifti.file()))]),
         Files::new([("a.hdr", pair.header()), ("a.img", data)]),
-    ]
+    ];
+    files.extend(vti);
+    files
+}
+
+/// Damages the file `damaged` in many ways and opens `opened`, which is that file or the folder that it is in.
+fn never_panics(damaged: &Path, opened: &Path, options: &ReadOptions, cases: u32) {
+    let good = fs::read(damaged).expect("just written");
+    read_volume(opened, options).unwrap_or_else(|error| panic!("before any damage: {error}"));
+    proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases) },
+        |(damages in prop::collection::vec(damage(), 1..4))| {
+            let mut bytes = good.clone();
+            damages.iter().for_each(|damage| damage.apply(&mut bytes));
+            fs::write(damaged, &bytes).expect("written");
+            if let Err(error) = read_volume(opened, options) {
+                prop_assert!(!error.to_string().is_empty());
+            }
+    });
+    fs::write(damaged, &good).expect("written");
 }
 
 #[test]
 fn damaged_files_never_panic() {
     for files in good_files() {
-        let path = files.path();
-        let good = fs::read(&path).expect("just written");
-        read_volume(&path, &ReadOptions::default()).unwrap_or_else(|error| panic!("before any damage: {error}"));
-        proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
-            |(damages in prop::collection::vec(damage(), 1..4))| {
-                let mut bytes = good.clone();
-                damages.iter().for_each(|damage| damage.apply(&mut bytes));
-                fs::write(&path, &bytes).expect("written");
-                if let Err(error) = read_volume(&path, &ReadOptions::default()) {
-                    prop_assert!(!error.to_string().is_empty());
-                }
-        });
+        never_panics(&files.path(), &files.path(), &ReadOptions::default(), 400);
+    }
+}
+
+#[cfg(feature = "tiff")]
+#[test]
+fn damaged_tiff_never_panics() {
+    use crate::tiff::{Tiff, imagej};
+    let plain = ReadOptions::default();
+    let stack = Tiff { description: imagej("cf=0\nc0=-32768.0\nc1=1.0\n"), ..Tiff::new(I16) };
+    for tiff in [Tiff { pages: 1, ..stack.clone() }, Tiff { deflate: true, ..Tiff::new(I16) }, stack] {
+        let files = Files::new([("a.tif", tiff.file())]);
+        never_panics(&files.path(), &files.path(), &plain, 400);
+    }
+    for name in [
+        "tifffile_bigtiff.tif",
+        "tifffile_lzw.tif",
+        "tifffile_packbits.tif",
+        "tifffile_planar.tif",
+        "tifffile_tiles.tif",
+        "tifffile_inverted.tif",
+        "tifffile_tczyx.ome.tif",
+    ] {
+        let files = Files::new([("a.tif", fs::read(crate::peers::path(name)).expect("kept"))]);
+        let one = (name.contains("planar") || name.contains("tczyx")).then_some(1);
+        let options = ReadOptions { component: one, time: one.filter(|_| name.contains("tczyx")), ..plain.clone() };
+        never_panics(&files.path(), &files.path(), &options, 400);
+    }
+}
+
+#[cfg(feature = "zarr")]
+#[test]
+fn damaged_zarr_never_panics() {
+    let plain = ReadOptions::default();
+    let chosen = ReadOptions { component: Some(1), time: Some(1), ..ReadOptions::default() };
+    for (store, options, files) in [
+        ("ome_0.4.zarr", &chosen, &[".zattrs", "0/.zarray"][..]),
+        ("ome_0.5.zarr", &chosen, &["zarr.json", "0/zarr.json", "0/c/1/1/0/0/0"]),
+        ("v2_zlib", &plain, &[".zarray", "0.0.0"]),
+        ("v3_gzip", &plain, &["zarr.json", "c/0/0/0"]),
+        ("v3_zstd", &plain, &["c/0/0/0"]),
+        ("v3_blosc_blosclz_shuffle", &plain, &["zarr.json", "c/0/0/0"]),
+        ("v3_blosc_lz4_bitshuffle", &plain, &["c/0/0/0"]),
+        ("v3_blosc_zstd_noshuffle", &plain, &["c/0/0/0"]),
+        ("v3_blosc_zlib_shuffle", &plain, &["c/0/0/0"]),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        copy(&crate::peers::path("zarr").join(store), folder.path());
+        for file in files {
+            never_panics(&folder.path().join(file), folder.path(), options, 200);
+        }
+    }
+}
+
+/// Copies a folder.
+#[cfg(feature = "zarr")]
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("made");
+    for entry in fs::read_dir(from).expect("a folder").flatten() {
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copy(&entry.path(), &target),
+            false => fs::write(target, fs::read(entry.path()).expect("read")).expect("written"),
+        }
     }
 }
 

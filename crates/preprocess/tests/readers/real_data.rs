@@ -219,3 +219,45 @@ fn walnut() {
         },
     );
 }
+
+#[test]
+fn isabel() {
+    check(
+        read("isabel/isabel_30.vti", None),
+        &Expected {
+            scalar_type: ScalarType::F64,
+            dims: [125, 125, 25],
+            spacing: [4.008_032_128_6, 4.008_032_128_6, 4.040_816_326_6],
+            sha256: "73845e5d45623790f5aec43d59c096eda9bab5ce9cb5db437b45aa39918f796a",
+            ..Expected::default()
+        },
+    );
+}
+
+#[test]
+fn hydrogen() {
+    check(
+        read("hydrogen/hydrogen.vti", None),
+        &Expected {
+            scalar_type: ScalarType::F32,
+            dims: [64, 64, 64],
+            sha256: "789756a94c4e8b43d04f7f89455f568d2fdb8dcb2d2170b75e078edc1b56d0b2",
+            ..Expected::default()
+        },
+    );
+}
+
+#[cfg(feature = "tiff")]
+#[test]
+fn flybrain() {
+    check(
+        read("flybrain/flybrain.tif", None),
+        &Expected {
+            dims: [256, 256, 57],
+            spacing: [2.675_521, 2.675_521, 3.947_368],
+            unit: "\u{b5}m",
+            sha256: "b0948ec5156b72bef7f7492374a1ac504b88b84676cd61e72a8b8f17f3cca9f9",
+            ..Expected::default()
+        },
+    );
+}
