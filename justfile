@@ -57,6 +57,11 @@ peers-bilateral:
     cargo build --release --bin voxrole
     python3 tests/peers/bilateral.py target/release/voxrole
 
+# What is packed, read by a second reader that was written from crates/pack/SPEC.md alone (numpy, zstandard and pynrrd).
+peers-second-reader:
+    cargo build --release --bin voxrole
+    python3 tests/peers/second_reader.py target/release/voxrole
+
 # Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
 bench OUT:
     cargo build --release --no-default-features --bin voxrole
