@@ -64,6 +64,11 @@ peers-exports:
     cargo build --release -p voxrole-preprocess --bin voxrole
     target/peers/bin/python tests/peers/exports.py target/release/voxrole
 
+# What is packed, read by a second reader that was written from crates/pack/SPEC.md alone (numpy, zstandard and pynrrd).
+peers-second-reader:
+    cargo build --release --bin voxrole
+    python3 tests/peers/second_reader.py target/release/voxrole
+
 # Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
 bench OUT:
     cargo build --release --no-default-features --bin voxrole
