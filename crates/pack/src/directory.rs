@@ -95,7 +95,8 @@ impl Entry {
         let (min, max) = (f64::from_bits(u64_at(16)), f64::from_bits(u64_at(24)));
         let range = (bytes[16..32] != NO_RANGE).then_some(ValueRange { min, max });
         let entry = Self { place, range };
-        if range.is_some_and(|range| !(range.min <= range.max)) || entry.to_bytes() != *bytes {
+        let is_sound = range.is_none_or(|ValueRange { min, max }| min <= max);
+        if !is_sound || entry.to_bytes() != *bytes {
             return Err(Error::Format(format!("an entry of the directory is nonsensical: {entry:?}")));
         }
         Ok(entry)

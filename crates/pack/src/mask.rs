@@ -32,7 +32,7 @@ pub fn for_each_one(mask: &[u8], mut visit: impl FnMut(usize)) {
 /// Whether no bit behind the last of `len` voxels is set, in a mask that has as many bytes as they need.
 #[must_use]
 pub fn is_sound(mask: &[u8], len: usize) -> bool {
-    mask.len() == len.div_ceil(8) && (len % 8 == 0 || mask.last().is_none_or(|last| last >> (len % 8) == 0))
+    mask.len() == len.div_ceil(8) && (len.is_multiple_of(8) || mask.last().is_none_or(|last| last >> (len % 8) == 0))
 }
 
 #[cfg(test)]

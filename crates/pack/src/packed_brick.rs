@@ -219,7 +219,7 @@ impl<T: Scalar> Workbench<T> {
 }
 
 /// Which of a brick's voxels have a boundary: all whose stored distance is none of the two lowest numbers.
-fn boundary_mask<T: Scalar>(stored: &[T], voxels: usize) -> Vec<u8> {
+pub(crate) fn boundary_mask<T: Scalar>(stored: &[T], voxels: usize) -> Vec<u8> {
     let is_hit = |value: T| value.to_f64() > T::LOWEST.to_f64() + 1.0;
     match stored {
         [one] => mask::of(&vec![is_hit(*one); voxels], |hit| hit),

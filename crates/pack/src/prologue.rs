@@ -79,6 +79,9 @@ impl Prologue {
                 "the first {PROLOGUE_BYTES} bytes are damaged: checksum {stored:08x} is stored, {computed:08x} computed"
             )));
         }
+        if u32_at(12) != 0 || u32_at(56) != 0 {
+            return Err(Error::Format("bytes 12 to 15 and 56 to 59 must be 0".into()));
+        }
         let table = |at: usize| TableExtent { offset: u64_at(at), bytes: u32_at(at + 8), crc32: u32_at(at + 12) };
         Ok(Self { file_bytes: u64_at(16), header: table(24), directory: table(40) })
     }

@@ -9,13 +9,14 @@ use rayon::prelude::*;
 use crate::brick::{BRICK_EDGE, BrickGrid};
 use crate::codec::{self, MAX_HEADER_BYTES};
 use crate::compression::{Encoding, Sparse, Unpacker};
-use crate::directory::{Directory, Entry, Extent, Order, Place, Table};
+use crate::directory::{Directory, Entry, Extent, Order, Place, Section, Table};
 use crate::error::vec_with_capacity;
 use crate::geometry::GridGeometry;
 use crate::header::Header;
 use crate::histogram::{Histogram, HistogramKind};
 use crate::layer::{Layer, LayerKind, Quantization};
 use crate::mask;
+use crate::packed_brick::boundary_mask;
 use crate::positioned::read_exact_at;
 use crate::prologue::{PROLOGUE_BYTES, Prologue, TableExtent};
 use crate::quantization::widened_distance;
@@ -352,17 +353,14 @@ impl Reader {
     }
 
     fn verify_mask(&self, level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {
-        if self.entry(Table::Mask, level, brick)?.range.is_some() {
-            return Err(Error::Format(format!(
-                "{}: a mask has no range of values",
-                self.name(Table::Mask, level, brick)
-            )));
-        }
         self.unpackers.lend(BrickUnpacker::new, |tools| self.read_mask(tools, level, brick, grid))?
     }
 
     fn verify_brick<T: Scalar>(&self, layer: usize, level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {
         let values = self.read_numbers::<T>(Table::Layer(layer), level, brick, grid)?;
+        if self.header.layers[layer].kind == LayerKind::Distance {
+            self.verify_distances(&values, level, brick, grid)?;
+        }
         let computed = ValueRange::of(&values, &self.header.layers[layer].quantization);
         let stored = self.entry(Table::Layer(layer), level, brick)?.range;
         if computed == stored {
@@ -370,6 +368,19 @@ impl Reader {
         }
         let name = self.name(Table::Layer(layer), level, brick);
         Err(Error::Format(format!("{name}: the range {stored:?} is stored, {computed:?} computed")))
+    }
+
+    /// The mask must be where distances are.
+    fn verify_distances<T: Scalar>(&self, values: &[T], level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {
+        let computed = boundary_mask(values, grid.voxel_count(brick));
+        self.unpackers.lend(BrickUnpacker::new, |tools| {
+            self.read_mask(tools, level, brick, grid)?;
+            if tools.mask == computed {
+                return Ok(());
+            }
+            let name = self.name(Table::Mask, level, brick);
+            Err(Error::Format(format!("{name} is not that of the distances")))
+        })?
     }
 
     fn read_histogram_at(&self, index: usize) -> Result<Histogram> {
@@ -381,6 +392,9 @@ impl Reader {
             let BrickUnpacker { unpacker, stored, .. } = tools;
             let mut counts = Vec::new();
             let encoding = self.read_stored(entry.place, 8, stored, &name)?;
+            if encoding == Encoding::DeltaZstd {
+                return Err(Error::Format(format!("{}: counts have no differences", name())));
+            }
             unpacker.unpack(encoding, stored, bins, None, &mut counts).map_err(|error| named(error, &name()))?;
             Ok::<_, Error>(counts)
         })??;
@@ -495,7 +509,12 @@ impl Reader {
 fn check_extents(directory: &Directory, prologue: &Prologue) -> Result<()> {
     let mut extents = Vec::new();
     for (place, entry) in directory.entries().enumerate() {
-        if let Place::Stored(extent) = entry?.place {
+        let Entry { place: stored, range } = entry?;
+        let section = || directory.order().section(place);
+        if range.is_some() && !matches!(section(), Section::Brick { table: Table::Layer(_), .. }) {
+            return Err(Error::Format(format!("{} has a range of values", section())));
+        }
+        if let Place::Stored(extent) = stored {
             extents.push((extent.offset, extent.stored_bytes, place));
         }
     }

@@ -335,6 +335,28 @@ fn lies_are_refused_before_memory_is_asked_for() {
     }
 }
 
+/// Files of released versions open forever. What they hold was read by a second reader, too.
+#[test]
+fn files_of_version_1_are_read() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1_ball.vxr");
+    let reader = Reader::open(&path).expect("opens");
+    assert_eq!(reader.verify().expect("is sound").bytes, 4467);
+    assert_eq!((reader.header().geometry.dims, reader.levels()), ([34, 5, 4], 2));
+    assert_eq!(reader.header().statistics.hits, 123);
+    let distance = reader.read_distance(0).expect("reads");
+    assert_eq!(distance.iter().filter(|&&stored| stored > DistanceQuantization::MASKED).count(), 123);
+    let crc32 = |bytes: &[u8]| crc32fast::hash(bytes);
+    let (Scalars::U8(values), ..) = reader.read_value().expect("reads") else { panic!("u8") };
+    let bytes = |numbers: Vec<u16>| numbers.into_iter().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
+    let found = [
+        crc32(&values),
+        crc32(&bytes(distance.into_iter().map(|stored| stored as u16).collect())),
+        crc32(&bytes(reader.read_hit_gradient(0).expect("reads"))),
+        crc32(&bytes(reader.read_layer(LayerKind::Normal).expect("reads"))),
+    ];
+    assert_eq!(found.map(|crc32| format!("{crc32:08x}")), ["d6a57b27", "486d5dea", "28cef69c", "fe88b5d8"]);
+}
+
 #[test]
 fn limits_are_the_caller_s() {
     let (_folder, path) = written(ScalarType::U8);
