@@ -6,7 +6,7 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use super::super::header::Fields;
-use super::super::units::length_in_metres;
+use super::super::units::length_in_picometres;
 use super::super::xml;
 use super::image_tags::Pages;
 use super::stack::Stack;
@@ -166,14 +166,14 @@ impl<'a> Image<'a> {
         let units = ["PhysicalSizeXUnit", "PhysicalSizeYUnit", "PhysicalSizeZUnit"].map(unit_of);
         for (axis, name) in ["PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"].into_iter().enumerate() {
             let Some(size) = self.pixels.number::<f64>(name)? else { continue };
-            let factor = match (length_in_metres(&units[axis]), length_in_metres(&units[0])) {
+            let factor = match (length_in_picometres(&units[axis]), length_in_picometres(&units[0])) {
                 _ if units[axis] == units[0] => 1.0,
                 (Some(own), Some(first)) => own / first,
                 _ => return Err(self.pixels.unexpected(name, &format!("the unit {}", units[0]), &units[axis])),
             };
             spacing[axis] = size * factor;
         }
-        let is_known = self.pixels.get(&["PhysicalSizeX"]).is_some() && length_in_metres(&units[0]).is_some();
+        let is_known = self.pixels.get(&["PhysicalSizeX"]).is_some() && length_in_picometres(&units[0]).is_some();
         Ok((spacing, if is_known { units[0].clone() } else { String::new() }))
     }
 }

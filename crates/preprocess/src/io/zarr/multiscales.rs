@@ -4,7 +4,7 @@
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::super::units::length_in_metres;
+use super::super::units::length_in_picometres;
 
 /// An image in several resolutions.
 #[derive(Debug, Deserialize)]
@@ -112,7 +112,7 @@ impl Multiscale {
         }
         let unit = unit_of(axes[0]);
         for (place, &axis) in axes.iter().enumerate().filter(|(_, axis)| unit_of(**axis) != unit) {
-            let (own, first) = (length_in_metres(unit_of(axis)), length_in_metres(unit));
+            let (own, first) = (length_in_picometres(unit_of(axis)), length_in_picometres(unit));
             let factor = own
                 .zip(first)
                 .map(|(own, first)| own / first)
