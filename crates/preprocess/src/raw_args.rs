@@ -1,4 +1,4 @@
-//! Command-line options that describe a headerless volume, shared by both programs.
+//! Command-line options that say how to read a volume, shared by both programs.
 
 use std::fmt::Debug;
 use std::str::FromStr;
@@ -12,30 +12,53 @@ use crate::io::{RawLayout, ReadOptions, StoredType};
 #[command(next_help_heading = "Headerless input")]
 pub struct RawArgs {
     /// Voxels along x, y, z, where x is fastest in the file.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<u32>, requires = "dtype")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<u32>)]
     pub dims: Option<[u32; 3]>,
-    /// Type of number: u8, i8, u16, i16, u32, i32, f32, f64; with `be` behind it for big-endian.
+    /// Type of number: u8, i8, u16, i16, u32, i32, f32, f64; with `be` behind it for big-endian [default: the one that
+    /// the file's size leaves, if it is only one].
     #[arg(long, value_name = "TYPE", requires = "dims")]
     pub dtype: Option<StoredType>,
     /// Distance between voxels along x, y, z [default: 1,1,1].
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, requires = "dims", allow_hyphen_values = true)]
     pub spacing: Option<[f64; 3]>,
     /// Bytes before the first number.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "dims")]
     pub skip_bytes: u64,
+    /// Which volume of an input that holds several.
+    #[command(flatten)]
+    pub choice: ChoiceArgs,
+}
+
+/// Options for an input that holds more than one scalar volume, or none without further work.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Choice of the volume")]
+pub struct ChoiceArgs {
+    /// Which of several numbers of each voxel, from 0.
+    #[arg(long, value_name = "N")]
+    pub component: Option<usize>,
+    /// Which point of time, from 0.
+    #[arg(long, value_name = "N")]
+    pub time: Option<usize>,
+    /// Which DICOM series of a folder.
+    #[arg(long, value_name = "UID|NUMBER")]
+    pub series: Option<String>,
+    /// Interpolate DICOM slices that are tilted or unevenly spaced linearly onto a rectangular, even grid.
+    #[arg(long)]
+    pub resample: bool,
 }
 
 impl RawArgs {
     /// How to read a volume by these options.
     #[must_use]
     pub fn read_options(&self) -> ReadOptions {
-        ReadOptions { raw: self.layout(), ..ReadOptions::default() }
+        let ChoiceArgs { component, time, series, resample } = self.choice.clone();
+        ReadOptions { raw: self.layout(), component, time, series, resample }
     }
 
     fn layout(&self) -> Option<RawLayout> {
         Some(RawLayout {
             dims: self.dims?,
-            scalar: self.dtype?,
+            scalar: self.dtype,
             spacing: self.spacing.unwrap_or([1.0; 3]),
             skip_bytes: self.skip_bytes,
         })

@@ -46,9 +46,10 @@ fn names_folder(output: &Path) -> bool {
     output.is_dir() || output.to_string_lossy().ends_with(std::path::is_separator)
 }
 
-/// `engine.nrrd` becomes `engine.vxr`, and so does `engine.nii.gz`.
+/// `engine.nrrd` becomes `engine.vxr`, and so does `engine.nii.gz`; folders have no extension, whatever their name.
 fn packed_name(input: &Path) -> Option<OsString> {
-    let mut stem = Path::new(input.file_name()?).with_extension("");
+    let name = Path::new(input.file_name()?);
+    let mut stem = if input.is_dir() { name.to_owned() } else { name.with_extension("") };
     let had = |path: &Path, name: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(name));
     if had(input, "gz") && had(&stem, "nii") {
         stem.set_extension("");
@@ -89,6 +90,16 @@ fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
         ensure!(!is_taken, "{}: two outputs cannot be one file", report.display());
     }
     Ok(())
+}
+
+/// Makes sure that no output is one of the files that hold an input's numbers, which are known only once it is opened.
+///
+/// # Errors
+/// The first output that is.
+pub fn check_files(tasks: &[Task], report: Option<&Path>, files: &[PathBuf]) -> anyhow::Result<()> {
+    let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    let outputs = tasks.iter().map(|task| task.output.as_path()).chain(report);
+    outputs.filter(|output| output.exists()).try_for_each(|output| super::check_output(output, &files, None))
 }
 
 /// What came of a task.

@@ -50,6 +50,8 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
         pool.install(|| {
             let progress = terminal.progress(&task.input);
             let file = open_volume(&task.input, &args.raw.read_options())?;
+            batch::check_files(&tasks, args.report.as_deref(), file.files())?;
+            file.notes().iter().for_each(|note| terminal.note(&task.input, note));
             let report = prepare_file(file, &settings, memory, &task.output, &*progress);
             let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
             report.map_err(|error| with_way_on(error, &task.output))

@@ -42,6 +42,11 @@ pub enum Event<'a> {
         output: &'a str,
         bytes: u64,
     },
+    /// How an input was read.
+    Note {
+        input: &'a str,
+        message: &'a str,
+    },
     Warning {
         input: &'a str,
         message: &'a str,

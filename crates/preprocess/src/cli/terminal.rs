@@ -49,6 +49,12 @@ impl Terminal {
         }
     }
 
+    /// Something worth knowing about how an input was read.
+    pub fn note(&self, input: &Path, message: &str) {
+        let name = input.to_string_lossy();
+        self.say(&Event::Note { input: &name, message }, || format!("voxrole: {}{message}", self.prefix(input)));
+    }
+
     /// An input is prepared.
     pub fn done(&self, input: &Path, output: &Path, report: &Report) {
         let (name, output) = (input.to_string_lossy(), output.to_string_lossy());

@@ -2,13 +2,16 @@
 //! <https://docs.itk.org/en/latest/learn/metaio.html>.
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use voxrole_pack::ScalarType;
 
 use super::header::{Fields, HeaderLines, shown};
 use super::payload::{Encoding, Payload, Start};
+use super::pick::{self, AxisRole, Picks};
 use super::placement::{FileFrame, Placement};
 use super::raw::{ByteOrder, StoredType};
+use super::read_options::ReadOptions;
 use super::volume_file::VolumeFile;
 use crate::Result;
 
@@ -26,9 +29,10 @@ pub(super) fn is_header(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path) -> Result<VolumeFile> {
+pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let (fields, header_bytes) = parse(path)?;
-    let geometry = placement(&fields)?.geometry(path)?;
+    let (placement, picks) = placement(&fields, options)?;
+    let geometry = placement.geometry(path)?;
     let (detached, start) = data_start(&fields, header_bytes)?;
     let payload = Payload {
         path: detached.unwrap_or_else(|| path.to_owned()),
@@ -37,6 +41,7 @@ pub(super) fn read(path: &Path) -> Result<VolumeFile> {
         decoded_skip: 0,
         dims: geometry.dims,
         stored: stored_type(&fields)?,
+        picks,
         hint: "check `DimSize`, `ElementType` and `HeaderSize` of the header",
     };
     if payload.start == Start::FileEnd && payload.encoding != Encoding::Plain {
@@ -68,36 +73,57 @@ fn parse(path: &Path) -> Result<(Fields<'_>, u64)> {
     Err(fields.fail(format!("expected a field `{DATA_FILE}` at the header's end, found the file's end")))
 }
 
-fn placement(fields: &Fields<'_>) -> Result<Placement> {
-    for (name, expected) in
-        [("ObjectType", "Image"), ("NDims", "3"), ("ElementNumberOfChannels", "1"), ("BinaryData", "True")]
-    {
-        match fields.get(&[name]) {
-            Some(found) if !found.eq_ignore_ascii_case(expected) => {
-                return Err(fields.unexpected(name, expected, found));
-            }
-            None if name == "NDims" => return Err(fields.unexpected(name, expected, "no such field")),
-            _ => {}
+/// Where the voxels lie, and which of the numbers are chosen: of several channels, and of several points of time, which are a
+/// fourth axis.
+fn placement(fields: &Fields<'_>, options: &ReadOptions) -> Result<(Placement, Picks)> {
+    for (name, expected) in [("ObjectType", "Image"), ("BinaryData", "True")] {
+        if let Some(found) = fields.get(&[name]).filter(|found| !found.eq_ignore_ascii_case(expected)) {
+            return Err(fields.unexpected(name, expected, found));
         }
     }
-    let sizes =
-        fields.array(&["DimSize"])?.ok_or_else(|| fields.unexpected("DimSize", "3 numbers", "no such field"))?;
-    // ElementSize is the extent over which a voxel was measured, the distance of voxels only where nothing else is.
-    let spacing = fields.array(&["ElementSpacing", "ElementSize"])?.unwrap_or([1.0; 3]);
-    let mut placement = Placement::axis_aligned(fields.dims("DimSize", sizes)?, spacing);
-    if let Some(origin) = fields.array(&["Offset", "Position", "Origin"])? {
-        placement.origin = origin;
+    let axes: usize = match fields.get(&["NDims"]) {
+        Some("3") => 3,
+        Some("4") => 4,
+        found => return Err(fields.unexpected("NDims", "3, or 4 with time", found.unwrap_or("no such field"))),
+    };
+    let sizes = along_axes::<u64>(fields, &["DimSize"], axes)?
+        .ok_or_else(|| fields.unexpected("DimSize", &format!("{axes} numbers"), "no such field"))?;
+    let dims = fields.dims("DimSize", [sizes[0], sizes[1], sizes[2]])?;
+    let mut roles = vec![(fields.number("ElementNumberOfChannels")?.unwrap_or(1), AxisRole::Component)];
+    roles.extend(sizes.iter().map(|&size| (size, AxisRole::Space)));
+    if axes == 4 {
+        roles[4].1 = AxisRole::Time;
     }
-    // Nine numbers, axis by axis: the first three are the first index axis' direction in the world.
-    if let Some([xx, xy, xz, yx, yy, yz, zx, zy, zz]) = fields.array(&["TransformMatrix", "Rotation", "Orientation"])? {
-        placement.direction = [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]];
+    let picks = pick::choose(&roles, options).map_err(|message| fields.fail(message))?;
+    let three = |numbers: Vec<f64>| [numbers[0], numbers[1], numbers[2]];
+    // ElementSize is the extent over which a voxel was measured, the distance of voxels only where nothing else is.
+    let spacing = along_axes(fields, &["ElementSpacing", "ElementSize"], axes)?.map_or([1.0; 3], three);
+    let mut placement = Placement::axis_aligned(dims, spacing);
+    if let Some(origin) = along_axes(fields, &["Offset", "Position", "Origin"], axes)? {
+        placement.origin = three(origin);
+    }
+    // Axis by axis: the first numbers are the first index axis' direction in the world.
+    if let Some(matrix) = along_axes(fields, &["TransformMatrix", "Rotation", "Orientation"], axes * axes)? {
+        placement.direction = [0, 1, 2].map(|axis| three(matrix[axis * axes..][..3].to_vec()));
     }
     // Writers name an orientation when they hold the world for the patient's; its frame is then ITK's.
     if fields.get(&["AnatomicalOrientation"]).is_some_and(is_known_orientation) {
         placement.frame = FileFrame::LeftPosteriorSuperior;
     }
     placement.unit = fields.get(&["DistanceUnits"]).filter(|unit| *unit != "?").unwrap_or_default().to_owned();
-    Ok(placement)
+    Ok((placement, picks))
+}
+
+/// The first present one of `names` as `count` numbers.
+fn along_axes<T: FromStr>(fields: &Fields<'_>, names: &[&str], count: usize) -> Result<Option<Vec<T>>> {
+    let Some((name, text)) = names.iter().find_map(|name| Some((*name, fields.get(&[name])?))) else {
+        return Ok(None);
+    };
+    let numbers = fields.numbers(name, text)?;
+    if numbers.len() != count {
+        return Err(fields.unexpected(name, &format!("{count} numbers"), text));
+    }
+    Ok(Some(numbers))
 }
 
 /// Three letters, one of each pair right-left, anterior-posterior, inferior-superior.

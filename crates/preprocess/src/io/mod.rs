@@ -1,14 +1,19 @@
 //! Readers of volume files, all giving the same [`Grid`]; and the NRRD writer.
 
+mod dicom;
 mod header;
 mod metaimage;
 mod nifti;
+mod npy;
 mod nrrd;
 mod nrrd_axes;
 pub mod nrrd_writer;
 mod payload;
+mod pick;
 mod placement;
 pub mod raw;
+mod raw_guess;
+mod raw_header;
 mod read_options;
 mod slabs;
 mod stored_voxels;
@@ -18,6 +23,7 @@ mod tiff;
 mod units;
 mod volume_file;
 mod vti;
+mod vvd;
 mod xml;
 #[cfg(feature = "zarr")]
 mod zarr;
@@ -40,7 +46,8 @@ const PROBE_BYTES: usize = 352;
 
 /// What to say about a file that no reader knows.
 const WAYS_OUT: &str = "expected NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI-1 (.nii, .nii.gz, .hdr with \
-.img), VTI, TIFF or Zarr; if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be --spacing SX,SY,SZ --skip-bytes N";
+.img), VTI, TIFF, Zarr, DICOM or NumPy (.npy); if it holds nothing but numbers, say how they lie: --dims X,Y,Z --dtype u16be \
+--spacing SX,SY,SZ --skip-bytes N";
 
 /// Reads a volume: [`open_volume`] and [`VolumeFile::load`] in one.
 ///
@@ -61,26 +68,43 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Grid> {
 /// what its format demands. Each names the file, what was expected and what was found.
 pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     if let Some(layout) = &options.raw {
+        options.expect_no_place(path).and(options.expect_no_series(path))?;
         return raw::read(path, layout);
     }
     #[cfg(feature = "zarr")]
     if zarr::is_store(path) {
+        options.expect_no_series(path)?;
         return zarr::read(path, options);
     }
     #[cfg(feature = "tiff")]
     if tiff::is_stack_folder(path) {
+        options.expect_no_series(path)?;
         return tiff::read_folder(path, options);
     }
+    if path.is_dir() {
+        return dicom::read(path, options);
+    }
     let start = probe(path)?;
+    if dicom::is_dicom(&start) {
+        return dicom::read(path, options);
+    }
+    options.expect_no_series(path)?;
     #[cfg(feature = "tiff")]
     if tiff::is_header(&start) {
         return tiff::read(path, options);
     }
     if start.starts_with(b"NRRD0") {
-        return nrrd::read(path);
+        return nrrd::read(path, options);
+    }
+    if npy::is_header(&start) {
+        return npy::read(path, options);
     }
     if nifti::is_header(&start) {
-        return nifti::read(path, false);
+        return nifti::read(path, false, options);
+    }
+    if vvd::is_header(&start) {
+        options.expect_no_place(path)?;
+        return vvd::read(path);
     }
     if vti::is_header(&start) {
         return vti::read(path, options);
@@ -89,7 +113,7 @@ pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
         path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension))
     };
     if (has_extension("mhd") || has_extension("mha")) && metaimage::is_header(&start) {
-        return metaimage::read(path);
+        return metaimage::read(path, options);
     }
     if start.starts_with(&payload::GZIP_MAGIC) {
         let (file, _) = payload::open(path)?;
@@ -97,12 +121,27 @@ pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
         // A damaged stream gives fewer bytes here and is reported in full by the reader that they point to.
         let outcome = MultiGzDecoder::new(BufReader::new(file)).take(PROBE_BYTES as u64).read_to_end(&mut decoded);
         if nifti::is_header(&decoded) {
-            return nifti::read(path, true);
+            return nifti::read(path, true, options);
         }
         let inside = outcome.err().map_or("is not NIfTI".into(), |error| format!("cannot be unpacked ({error})"));
-        return Err(Error::format(path, format!("found a gzip file whose content {inside}; {WAYS_OUT}")));
+        return bare_numbers(path, options, format!("found a gzip file whose content {inside}; {WAYS_OUT}"));
     }
-    Err(Error::format(path, unreadable(&start)))
+    match known_otherwise(&start) {
+        Some(message) => Err(Error::format(path, message)),
+        None => bare_numbers(path, options, format!("found a file of no known kind; {WAYS_OUT}")),
+    }
+}
+
+/// Reads a file that says nothing of itself by the header that names it; without one, proposes what it may be.
+fn bare_numbers(path: &Path, options: &ReadOptions, message: String) -> Result<VolumeFile> {
+    if let Some(volume) = raw_header::find(path, options)? {
+        return Ok(volume);
+    }
+    let proposals = raw_guess::proposals(path);
+    if proposals.is_empty() {
+        return Err(Error::format(path, message));
+    }
+    Err(Error::format(path, format!("{message}; likeliest by its size and smoothness: {}", proposals.join(", or "))))
 }
 
 /// The file's first [`PROBE_BYTES`], or all of a shorter file.
@@ -113,34 +152,35 @@ fn probe(path: &Path) -> Result<Vec<u8>> {
     Ok(start)
 }
 
-/// Why a file that begins with `start` cannot be read, and what to do about it.
-fn unreadable(start: &[u8]) -> String {
+/// Why a file that begins with `start` cannot be read and what to do about it, where it is of a kind that is known.
+fn known_otherwise(start: &[u8]) -> Option<String> {
     let convert = |kind: &str, tools: &str| {
-        format!(
-            "expected NRRD, MetaImage, NIfTI-1, VTI, TIFF or Zarr, found {kind}, which is not read yet: convert it first ({tools})"
-        )
+        Some(format!(
+            "expected NRRD, MetaImage, NIfTI-1, VTI, TIFF, Zarr, DICOM or NumPy, found {kind}, which is not read yet: convert it \
+             first ({tools})"
+        ))
     };
     let contains = |needle: &[u8]| start.windows(needle.len()).any(|window| window == needle);
     if start.is_empty() {
-        return format!("found an empty file; {WAYS_OUT}");
+        return Some(format!("found an empty file; {WAYS_OUT}"));
     }
     if start.starts_with(&voxrole_pack::prologue::MAGIC) {
-        return "expected a volume to prepare, found an already packed file of voxel roles".into();
-    }
-    if start.get(128..132) == Some(b"DICM") {
-        return convert("DICOM", "for example with dcm2niix, or with 3D Slicer");
+        return Some("expected a volume to prepare, found an already packed file of voxel roles".into());
     }
     if start.starts_with(b"PK\x03\x04") {
-        return "expected a volume, found a zip file: if it is a Zarr store or holds slices, unpack it first".into();
+        return Some(
+            "expected a volume, found a zip file: if it is a Zarr store or holds slices, unpack it first".into(),
+        );
     }
     if contains(b"# vtk DataFile Version") {
         return convert("VTK's legacy format", "for example with ParaView: Save Data, VTK ImageData Files (.vti)");
     }
     if [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic)) {
-        return "found TIFF, whose reader was left out when this program was built: build it with the feature `tiff`"
-            .into();
+        let message =
+            "found TIFF, whose reader was left out when this program was built: build it with the feature `tiff`";
+        return Some(message.into());
     }
-    format!("found a file of no known kind; {WAYS_OUT}")
+    None
 }
 
 #[cfg(test)]
@@ -149,19 +189,16 @@ mod tests {
 
     #[test]
     fn unreadable_kinds_are_told_apart() {
-        let mut dicom = vec![0; 128];
-        dicom.extend_from_slice(b"DICM\x02\0");
         for (start, expected) in [
-            (dicom.as_slice(), "DICOM"),
-            (b"# vtk DataFile Version 3.0\n", ".vti"),
+            (b"# vtk DataFile Version 3.0\n".as_slice(), ".vti"),
             (b"II*\0\x08\0\0\0", "TIFF"),
             (b"MM\0*\0\0\0\x08", "TIFF"),
             (b"\x89VXR\r\n\x1a\n", "already packed file"),
             (b"", "empty"),
-            (b"something else", "--dims X,Y,Z --dtype u16be"),
         ] {
-            let message = unreadable(start);
+            let message = known_otherwise(start).expect("a known kind");
             assert!(message.contains(expected), "{message}");
         }
+        assert_eq!(known_otherwise(b"something else"), None);
     }
 }

@@ -10,8 +10,10 @@ use flate2::bufread::MultiGzDecoder;
 use voxrole_pack::ScalarType;
 
 use super::payload::{self, Encoding, Payload, Start};
+use super::pick::{self, AxisRole, Picks};
 use super::placement::{FileFrame, Placement};
 use super::raw::{ByteOrder, StoredType};
+use super::read_options::ReadOptions;
 use super::volume_file::VolumeFile;
 use crate::{Error, Result};
 
@@ -33,11 +35,11 @@ fn has_magic(start: &[u8]) -> bool {
     matches!(start.get(344..348), Some(b"n+1\0" | b"ni1\0"))
 }
 
-/// Reads one volume; `packed` if the file is gzipped.
+/// Reads one volume; `packed` if the file is gzipped. The fourth axis is time, the fifth that of components.
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path, packed: bool) -> Result<VolumeFile> {
+pub(super) fn read(path: &Path, packed: bool, options: &ReadOptions) -> Result<VolumeFile> {
     let header = Header::read(path, packed)?;
     let geometry = header.placement()?.geometry(path)?;
     let (slope, intercept) = header.mapping()?;
@@ -55,6 +57,7 @@ pub(super) fn read(path: &Path, packed: bool) -> Result<VolumeFile> {
         decoded_skip,
         dims: geometry.dims,
         stored,
+        picks: header.picks(options)?,
         hint,
     };
     VolumeFile::new(path, geometry, payload, slope, intercept)
@@ -131,36 +134,52 @@ impl<'a> Header<'a> {
         self.bytes[344..348] == *b"n+1\0"
     }
 
-    /// `dim`: the number of axes, then their lengths; axes beyond the third must have one sample.
-    fn dims(&self) -> Result<[u32; 3]> {
+    /// `dim`: the number of axes, then their lengths; those beyond the last are 1.
+    fn sizes(&self) -> Result<[u16; 7]> {
         let count = self.i16_at(40);
         if !(3..=7).contains(&count) {
             return Err(self.fail(format!("dim[0]: expected 3 to 7 axes, found {count}")));
         }
-        let mut dims = [0; 3];
+        let mut sizes = [1; 7];
         for axis in 1..=usize::from(count.unsigned_abs()) {
             let length = self.i16_at(40 + 2 * axis);
-            match dims.get_mut(axis - 1) {
-                Some(_) if length < 1 => {
-                    return Err(self.fail(format!("dim[{axis}]: expected at least 1, found {length}")));
-                }
-                Some(dim) => *dim = u32::from(length.unsigned_abs()),
-                None if length != 1 => {
-                    let message = format!(
-                        "dim[{axis}]: expected 1 (one number per voxel, one moment), found {length}: take one volume out first"
-                    );
-                    return Err(self.fail(message));
-                }
-                None => {}
+            if length < 1 || (axis > 5 && length != 1) {
+                let expected = if axis > 5 { "1" } else { "at least 1" };
+                return Err(self.fail(format!("dim[{axis}]: expected {expected}, found {length}")));
             }
+            sizes[axis - 1] = length.unsigned_abs();
         }
-        Ok(dims)
+        Ok(sizes)
+    }
+
+    fn dims(&self) -> Result<[u32; 3]> {
+        let [x, y, z, ..] = self.sizes()?;
+        Ok([x, y, z].map(u32::from))
+    }
+
+    /// Which of the numbers `options` choose: of several components, which lie apart but for those of colours, and of several
+    /// points of time.
+    fn picks(&self, options: &ReadOptions) -> Result<Picks> {
+        let sizes = self.sizes()?.map(u64::from);
+        let mut axes = vec![(self.colours(), AxisRole::Component)];
+        axes.extend(sizes[..3].iter().map(|&size| (size, AxisRole::Space)));
+        axes.extend([(sizes[3], AxisRole::Time), (sizes[4], AxisRole::Component)]);
+        pick::choose(&axes, options).map_err(|message| self.fail(format!("dim: {message}")))
+    }
+
+    /// Numbers of a colour; 1 where there is none.
+    fn colours(&self) -> u64 {
+        match self.i16_at(70) {
+            128 => 3,
+            2304 => 4,
+            _ => 1,
+        }
     }
 
     fn stored_type(&self) -> Result<StoredType> {
         let code = self.i16_at(70);
         let scalar_type = match code {
-            2 => ScalarType::U8,
+            2 | 128 | 2304 => ScalarType::U8,
             4 => ScalarType::I16,
             8 => ScalarType::I32,
             16 => ScalarType::F32,
@@ -177,7 +196,8 @@ impl<'a> Header<'a> {
                 return Err(self.fail(message));
             }
         };
-        let (expected, found) = (8 * scalar_type.size_in_bytes(), self.i16_at(72));
+        let bits = 8 * scalar_type.size_in_bytes();
+        let (expected, found) = (bits * self.colours() as usize, self.i16_at(72));
         if usize::try_from(found) != Ok(expected) {
             return Err(self.fail(format!("bitpix: expected {expected} for datatype {code}, found {found}")));
         }
@@ -280,7 +300,6 @@ fn unread_type(code: i16) -> &'static str {
     match code {
         1 => " (single bits)",
         32 | 1792 | 2048 => " (complex numbers)",
-        128 | 2304 => " (colours)",
         1024 | 1280 => " (64-bit integers)",
         1536 => " (128-bit floats)",
         _ => "",

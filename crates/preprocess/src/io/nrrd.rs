@@ -9,6 +9,7 @@ use super::header::{Fields, HeaderLines, shown};
 use super::nrrd_axes;
 use super::payload::{self, Encoding, Payload, Start};
 use super::raw::{ByteOrder, StoredType};
+use super::read_options::ReadOptions;
 use super::volume_file::VolumeFile;
 use crate::{Error, Result};
 
@@ -16,10 +17,11 @@ use crate::{Error, Result};
 ///
 /// # Errors
 /// As [`super::read_volume`].
-pub(super) fn read(path: &Path) -> Result<VolumeFile> {
+pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let mut lines = HeaderLines::open(path)?;
     let (fields, ended_by_blank_line) = parse(path, &mut lines)?;
-    let geometry = nrrd_axes::placement(&fields)?.geometry(path)?;
+    let (placement, picks) = nrrd_axes::placement(&fields, options)?;
+    let geometry = placement.geometry(path)?;
     let stored = stored_type(&fields)?;
     let detached = match fields.get(&["data file"]) {
         Some(name) => Some(fields.data_file("data file", single_file(&fields, name)?)?),
@@ -38,6 +40,7 @@ pub(super) fn read(path: &Path) -> Result<VolumeFile> {
         decoded_skip: 0,
         dims: geometry.dims,
         stored,
+        picks,
         hint: "check `sizes`, `type` and the skips of the header",
     };
     VolumeFile::new(path, geometry, skipping(&fields, payload, base)?, 1.0, 0.0)

@@ -1,7 +1,9 @@
 //! The axes of an NRRD header: which three are space, and where they lie.
 
 use super::header::Fields;
+use super::pick::{self, AxisRole, Picks};
 use super::placement::{FileFrame, Placement};
+use super::read_options::ReadOptions;
 use crate::Result;
 
 /// Most axes that teem lets an NRRD file have.
@@ -23,13 +25,13 @@ struct Axes<'f> {
     centers: Option<Vec<String>>,
 }
 
-/// Placement of the three spatial axes; further axes must have one sample.
+/// Placement of the three spatial axes, and the place chosen along further ones of more than one sample.
 ///
 /// # Errors
 /// [`crate::Error::Format`] naming the field, what was expected and what was found.
-pub(super) fn placement(fields: &Fields<'_>) -> Result<Placement> {
+pub(super) fn placement(fields: &Fields<'_>, options: &ReadOptions) -> Result<(Placement, Picks)> {
     let axes = Axes::new(fields)?;
-    let spatial = axes.spatial()?;
+    let (spatial, picks) = axes.spatial(options)?;
     let dims = fields.dims("sizes", spatial.map(|axis| axes.sizes[axis]))?;
     let frame = frame(fields, axes.directions.is_some())?;
     let mut placement = match &axes.directions {
@@ -54,7 +56,7 @@ pub(super) fn placement(fields: &Fields<'_>) -> Result<Placement> {
         };
     }
     placement.unit = axes.unit(spatial)?;
-    Ok(placement)
+    Ok((placement, picks))
 }
 
 impl<'f> Axes<'f> {
@@ -115,9 +117,20 @@ impl<'f> Axes<'f> {
         has_direction && matches!(kind, "domain" | "space" | "none" | "???")
     }
 
-    /// The three axes of space, fastest first. Axes of one sample are left out until three remain: first those that the
-    /// header does not call space, then the slowest.
-    fn spatial(&self) -> Result<[usize; 3]> {
+    /// What the header calls `axis`.
+    fn role(&self, axis: usize) -> AxisRole {
+        let kind = self.kinds.as_ref().map_or("none", |kinds| kinds[axis].as_str());
+        match kind {
+            _ if self.may_be_spatial(axis) => AxisRole::Space,
+            "time" => AxisRole::Time,
+            "domain" | "space" | "list" | "none" | "???" => AxisRole::Other,
+            _ => AxisRole::Component,
+        }
+    }
+
+    /// The three axes of space, fastest first, and the place chosen along the others. Axes of one sample are left out until
+    /// three remain: first those that the header does not call space, then the slowest.
+    fn spatial(&self, options: &ReadOptions) -> Result<([usize; 3], Picks)> {
         let mut kept: Vec<usize> = (0..self.sizes.len()).collect();
         while kept.len() > 3 {
             let single = |&axis: &usize| self.sizes[axis] == 1;
@@ -129,13 +142,21 @@ impl<'f> Axes<'f> {
         if kept.len() < 3 {
             return Err(self.fields.unexpected("sizes", "the three axes of a volume", &found));
         }
-        let spatial =
-            <[usize; 3]>::try_from(kept).ok().filter(|kept| kept.iter().all(|&axis| self.may_be_spatial(axis)));
-        spatial.ok_or_else(|| {
-            let expected = "one number per voxel: three axes of space, and others of size 1 (take colour, vector and time \
-                            axes apart first, for example with `unu slice`)";
+        let fail = |message| self.fields.fail(format!("sizes: {message}"));
+        let mut roles: Vec<_> = kept.iter().map(|&axis| (self.sizes[axis], self.role(axis))).collect();
+        if kept.len() > 3 && roles.iter().all(|axis| axis.1 == AxisRole::Space) {
+            let sizes: Vec<u64> = roles.iter().map(|axis| axis.0).collect();
+            roles = pick::roles(&sizes, options).map_err(fail)?;
+        }
+        let spatial: Vec<usize> =
+            kept.iter().zip(&roles).filter(|(_, role)| role.1 == AxisRole::Space).map(|(axis, _)| *axis).collect();
+        let spatial = <[usize; 3]>::try_from(spatial).map_err(|_| {
+            let expected = "three axes of space, and others of components or time (take them apart first, for example with \
+                            `unu slice`)";
             self.fields.unexpected("sizes", expected, &found)
-        })
+        })?;
+        self.fields.dims("sizes", spatial.map(|axis| self.sizes[axis]))?;
+        Ok((spatial, pick::choose(&roles, options).map_err(fail)?))
     }
 
     fn steps(&self, directions: &[Option<[f64; 3]>], spatial: [usize; 3]) -> Result<[[f64; 3]; 3]> {
@@ -283,7 +304,7 @@ mod tests {
             let (name, value) = line.split_once(':').expect("a field");
             fields.insert(name, value).expect("once each");
         }
-        placement(&fields)
+        Ok(placement(&fields, &ReadOptions::default())?.0)
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use flate2::bufread::MultiGzDecoder;
@@ -12,6 +13,7 @@ use flate2::{Decompress, FlushDecompress, Status};
 use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{ScalarType, Scalars};
 
+use super::pick::Picks;
 use super::raw::{ByteOrder, StoredType};
 use super::stored_voxels::StoredVoxels;
 use crate::{Error, Result};
@@ -55,6 +57,8 @@ pub(super) struct Payload {
     /// As [`voxrole_pack::GridGeometry::validate`] lets through.
     pub dims: [u32; 3],
     pub stored: StoredType,
+    /// Which of the file's numbers are the volume's.
+    pub picks: Picks,
     /// What to check when the length does not fit.
     pub hint: &'static str,
 }
@@ -75,10 +79,20 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
 }
 
 impl Payload {
-    /// Length of the numbers, unpacked. Requires dimensions that the geometry's check lets through.
+    /// Length of all numbers of the file, unpacked. Requires dimensions that the geometry's check lets through.
     pub fn expected_bytes(&self) -> u64 {
+        self.volume_bytes().saturating_mul(self.picks.volumes())
+    }
+
+    /// Length of the volume's own numbers.
+    fn volume_bytes(&self) -> u64 {
         let size = self.stored.scalar_type.size_in_bytes() as u64;
         self.dims.iter().fold(size, |product, &dim| product.saturating_mul(u64::from(dim)))
+    }
+
+    /// The file's numbers from the first of the volume to behind the last.
+    fn range(&self) -> Range<u64> {
+        self.picks.range(self.expected_bytes() / self.stored.scalar_type.size_in_bytes() as u64)
     }
 
     /// Reads all numbers.
@@ -90,14 +104,16 @@ impl Payload {
         self.decode(|decoding| decoding.scalars())
     }
 
-    /// Makes the numbers accessible region by region; compressed ones are unpacked into a temporary file in `folder`.
+    /// Makes the numbers accessible region by region; compressed and scattered ones are put into a temporary file in `folder`.
     ///
     /// # Errors
     /// As [`Self::read`], but for memory; [`Error::Io`] when `folder` cannot be written to.
     pub fn stored(self, folder: &Path) -> Result<StoredVoxels> {
-        let (file, offset) = if self.encoding == Encoding::Plain {
+        let size = self.stored.scalar_type.size_in_bytes() as u64;
+        let Range { start, end } = self.range();
+        let (file, offset) = if self.encoding == Encoding::Plain && (end - start) * size == self.volume_bytes() {
             let (file, length) = open(&self.path)?;
-            (file, self.offset(length)?)
+            (file, self.offset(length)? + start * size)
         } else {
             let mut file = tempfile::tempfile_in(folder).map_err(Error::io(folder))?;
             self.decode(|decoding| decoding.copy_to(&mut file, folder))?;
@@ -118,7 +134,11 @@ impl Payload {
         let offset = self.offset(length)?;
         file.seek(SeekFrom::Start(offset)).map_err(Error::io(&self.path))?;
         match self.encoding {
-            Encoding::Plain => consume(&mut Decoding::new(self, &mut file, true)),
+            Encoding::Plain => {
+                let first = self.range().start * self.stored.scalar_type.size_in_bytes() as u64;
+                file.seek(SeekFrom::Start(offset + first)).map_err(Error::io(&self.path))?;
+                consume(&mut Decoding::new(self, &mut file, true))
+            }
             Encoding::Gzip => {
                 let mut stream = MultiGzDecoder::new(BufReader::new(file));
                 self.unpack(&mut stream, consume)
@@ -170,14 +190,22 @@ impl Payload {
     fn unpack<T>(&self, stream: &mut dyn Read, consume: impl FnOnce(&mut Decoding<'_>) -> Result<T>) -> Result<T> {
         let mut decoding = Decoding::new(self, stream, false);
         decoding.skip()?;
+        let Range { start, end } = self.range();
+        let size = self.stored.scalar_type.size_in_bytes() as u64;
+        decoding.pass(start * size)?;
         let numbers = consume(&mut decoding)?;
+        decoding.pass(self.expected_bytes() - end * size)?;
         decoding.expect_end()?;
         Ok(numbers)
     }
 
     fn expectation(&self) -> String {
         let [x, y, z] = self.dims;
-        format!("expected {} bytes ({x} x {y} x {z} of {})", self.expected_bytes(), self.stored)
+        let volumes = match self.picks.volumes() {
+            1 => String::new(),
+            several => format!("{several} times "),
+        };
+        format!("expected {} bytes ({volumes}{x} x {y} x {z} of {})", self.expected_bytes(), self.stored)
     }
 
     fn fail(&self, message: String) -> Error {
@@ -234,36 +262,55 @@ impl<'a> Decoding<'a> {
     }
 
     fn numbers<T: Scalar>(&mut self) -> Result<Vec<T>> {
-        let expected = self.payload.expected_bytes();
-        let count = usize::try_from(expected / T::SIZE as u64).map_err(|_| self.out_of_memory())?;
+        let count = self.payload.volume_bytes() / T::SIZE as u64;
+        let count = usize::try_from(count).map_err(|_| self.out_of_memory())?;
         let mut numbers = Vec::new();
         if self.measured {
             numbers.try_reserve_exact(count).map_err(|_| self.out_of_memory())?;
         }
-        let mut buffer = vec![0; CHUNK_BYTES.min(count * T::SIZE)];
-        while numbers.len() < count {
-            let missing = count - numbers.len();
-            let wanted = missing.min(CHUNK_BYTES / T::SIZE);
-            let chunk = &mut buffer[..wanted * T::SIZE];
-            self.fill(chunk)?;
+        let byte_order = self.payload.stored.byte_order;
+        self.each_chunk(|decoding, chunk| {
+            let wanted = chunk.len() / T::SIZE;
             if numbers.capacity() - numbers.len() < wanted {
                 // Twice as much as before, but never more than is expected.
-                let growth = missing.min(wanted.max(numbers.len()));
-                numbers.try_reserve_exact(growth).map_err(|_| self.out_of_memory())?;
+                let growth = (count - numbers.len()).min(wanted.max(numbers.len()));
+                numbers.try_reserve_exact(growth).map_err(|_| decoding.out_of_memory())?;
             }
-            append_numbers(chunk, self.payload.stored.byte_order, &mut numbers);
-        }
+            append_numbers(chunk, byte_order, &mut numbers);
+            Ok(())
+        })?;
         Ok(numbers)
     }
 
     /// Writes all numbers to a file in `folder`, as they are stored.
     fn copy_to(&mut self, file: &mut File, folder: &Path) -> Result<()> {
-        let mut missing = self.payload.expected_bytes();
-        let mut buffer = vec![0; CHUNK_BYTES];
+        self.each_chunk(|_, chunk| file.write_all(chunk).map_err(Error::io(folder)))
+    }
+
+    /// Hands the volume's own numbers to `consume`, as they are stored.
+    fn each_chunk(&mut self, mut consume: impl FnMut(&Self, &mut [u8]) -> Result<()>) -> Result<()> {
+        let size = self.payload.stored.scalar_type.size_in_bytes();
+        let Range { start: mut position, end } = self.payload.range();
+        let longest = (CHUNK_BYTES / size) as u64;
+        let mut buffer = vec![0; (end - position).min(longest) as usize * size];
+        while position < end {
+            let wanted = (end - position).min(longest);
+            let chunk = &mut buffer[..wanted as usize * size];
+            self.fill(chunk)?;
+            let kept = self.payload.picks.keep(position, chunk, size);
+            consume(self, &mut chunk[..kept])?;
+            position += wanted;
+        }
+        Ok(())
+    }
+
+    /// Goes on behind `count` bytes of numbers that are not the volume's.
+    fn pass(&mut self, count: u64) -> Result<()> {
+        let mut missing = count;
+        let mut buffer = vec![0; CHUNK_BYTES.min(usize::try_from(count).unwrap_or(CHUNK_BYTES))];
         while missing > 0 {
             let chunk = &mut buffer[..missing.min(CHUNK_BYTES as u64) as usize];
             self.fill(chunk)?;
-            file.write_all(chunk).map_err(Error::io(folder))?;
             missing -= chunk.len() as u64;
         }
         Ok(())
@@ -328,7 +375,7 @@ impl<'a> Decoding<'a> {
 
     fn out_of_memory(&self) -> Error {
         let what = format!("the voxels of {}", self.payload.path.display());
-        Error::OutOfMemory { what, bytes: u128::from(self.payload.expected_bytes()) }
+        Error::OutOfMemory { what, bytes: u128::from(self.payload.volume_bytes()) }
     }
 }
 
@@ -390,6 +437,7 @@ mod tests {
             decoded_skip,
             dims: [3, 1, 1],
             stored: U16_BE,
+            picks: Picks::default(),
             hint: "check sizes",
         };
         payload.read()
@@ -491,6 +539,7 @@ mod tests {
             decoded_skip: 0,
             dims,
             stored,
+            picks: Picks::default(),
             hint: "",
         };
         let numbers: Vec<u8> = Decoding::new(&payload, &mut bytes.as_slice(), false).numbers().expect("all there");

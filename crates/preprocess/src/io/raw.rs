@@ -8,6 +8,8 @@ use std::str::FromStr;
 use voxrole_pack::{GridGeometry, ScalarType};
 
 use super::payload::{self, Encoding, Payload, Start};
+use super::pick::Picks;
+use super::raw_guess;
 use super::volume_file::VolumeFile;
 use crate::{Error, Result};
 
@@ -66,8 +68,8 @@ impl fmt::Display for StoredType {
 pub struct RawLayout {
     /// Number of voxels along x, y, z; x is fastest in the file.
     pub dims: [u32; 3],
-    /// How one number is stored.
-    pub scalar: StoredType,
+    /// How one number is stored; `None` for the only type that the file's size allows.
+    pub scalar: Option<StoredType>,
     /// Distance between neighbouring voxels along each axis.
     pub spacing: [f64; 3],
     /// Bytes before the first number: of the unpacked content, where the file is gzipped.
@@ -81,7 +83,7 @@ const HINT: &str = "check --dims, --dtype and --skip-bytes";
 /// # Errors
 /// As [`super::read_volume`].
 pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<VolumeFile> {
-    let RawLayout { dims, scalar: stored, spacing, skip_bytes } = *layout;
+    let RawLayout { dims, scalar, spacing, skip_bytes } = *layout;
     let geometry = GridGeometry::axis_aligned(dims, spacing);
     geometry.validate().map_err(|error| {
         Error::Parameter(format!(
@@ -89,6 +91,7 @@ pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<VolumeFile> {
             path.display()
         ))
     })?;
+    let stored = scalar.map_or_else(|| raw_guess::stored_type(path, dims, skip_bytes), Ok)?;
     let mut payload = Payload {
         path: path.to_owned(),
         start: Start::Offset(skip_bytes),
@@ -96,6 +99,7 @@ pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<VolumeFile> {
         decoded_skip: 0,
         dims,
         stored,
+        picks: Picks::default(),
         hint: HINT,
     };
     // Plain numbers may happen to begin like a gzip file: a length that fits exactly says that they are plain.
@@ -105,7 +109,8 @@ pub(super) fn read(path: &Path, layout: &RawLayout) -> Result<VolumeFile> {
     if fits != Some(length) && file.read_exact(&mut magic).is_ok() && magic == payload::GZIP_MAGIC {
         payload = Payload { start: Start::Offset(0), encoding: Encoding::Gzip, decoded_skip: skip_bytes, ..payload };
     }
-    VolumeFile::new(path, geometry, payload, 1.0, 0.0)
+    let volume = VolumeFile::new(path, geometry, payload, 1.0, 0.0)?;
+    Ok(if scalar.is_none() { volume.with_notes(vec![format!("read as --dtype {stored}")]) } else { volume })
 }
 
 #[cfg(test)]

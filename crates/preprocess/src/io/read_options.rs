@@ -1,8 +1,13 @@
 //! What is read of a file that holds more than one scalar volume, or does not say enough.
 
+use std::path::Path;
+
 use super::raw::RawLayout;
+use crate::{Error, Result};
 
 /// How to read a volume; the default reads a file that holds one scalar volume and says everything itself.
+///
+/// What has no effect on a file is an error.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// The layout of a headerless file; any file is then read as headerless numbers, whatever it looks like.
@@ -11,6 +16,10 @@ pub struct ReadOptions {
     pub component: Option<usize>,
     /// Which point of time, counted from 0. Without it only volumes of one are read.
     pub time: Option<usize>,
+    /// Which DICOM series of a folder, by UID or number. Without it only folders of one are read.
+    pub series: Option<String>,
+    /// Whether to interpolate tilted or unevenly spaced DICOM slices onto a rectangular, even grid. Without it they are refused.
+    pub resample: bool,
 }
 
 impl ReadOptions {
@@ -47,4 +56,25 @@ impl From<RawLayout> for ReadOptions {
     fn from(layout: RawLayout) -> Self {
         Self { raw: Some(layout), ..Self::default() }
     }
+}
+
+impl ReadOptions {
+    /// Makes sure that no component and no point of time is chosen of a volume of one.
+    pub(super) fn expect_no_place(&self, path: &Path) -> Result<()> {
+        expect_none(path, "--component", self.component.is_some(), "a volume of several numbers per voxel")?;
+        expect_none(path, "--time", self.time.is_some(), "a volume of several points of time")
+    }
+
+    /// Makes sure that nothing is chosen that only DICOM has.
+    pub(super) fn expect_no_series(&self, path: &Path) -> Result<()> {
+        expect_none(path, "--series", self.series.is_some(), "a folder of DICOM series")?;
+        expect_none(path, "--resample", self.resample, "a DICOM series")
+    }
+}
+
+fn expect_none(path: &Path, option: &str, is_given: bool, expected: &str) -> Result<()> {
+    if !is_given {
+        return Ok(());
+    }
+    Err(Error::format(path, format!("expected {expected} for {option}, found none: leave the option out")))
 }

@@ -1,6 +1,6 @@
 //! A volume file whose header is read and whose numbers are not yet.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use voxrole_pack::{GridGeometry, ScalarType};
 
@@ -17,6 +17,7 @@ pub struct VolumeFile {
     slope: f64,
     intercept: f64,
     numbers: Numbers,
+    notes: Vec<String>,
 }
 
 /// Where the numbers are.
@@ -63,7 +64,27 @@ impl VolumeFile {
     ) -> Result<Self> {
         grid::check_mapping(slope, intercept).map_err(|error| Error::format(path, error.to_string()))?;
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(Self { name, geometry, slope, intercept, numbers: numbers.into() })
+        Ok(Self { name, geometry, slope, intercept, numbers: numbers.into(), notes: Vec::new() })
+    }
+
+    /// The same with what is worth telling of how it was read.
+    pub(super) fn with_notes(self, notes: Vec<String>) -> Self {
+        Self { notes: [self.notes, notes].concat(), ..self }
+    }
+
+    /// What is worth telling of how it was read, a line each: files that were skipped or found, numbers that were resampled.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The files that hold the numbers, which an output must not overwrite.
+    #[must_use]
+    pub fn files(&self) -> &[PathBuf] {
+        match &self.numbers {
+            Numbers::Payload(payload) => std::slice::from_ref(&payload.path),
+            Numbers::Slabs(slabs) => slabs.files(),
+        }
     }
 
     /// Voxels along x, y, z.
@@ -99,7 +120,7 @@ impl VolumeFile {
     /// As [`super::read_volume`], and [`Error::Io`] when `folder` cannot be written to.
     pub fn stored(self, folder: &Path) -> Result<StoredVolume> {
         let dims = self.dims();
-        let Self { name, geometry, slope, intercept, numbers } = self;
+        let Self { name, geometry, slope, intercept, numbers, .. } = self;
         let voxels = match numbers {
             Numbers::Payload(payload) => payload.stored(folder)?,
             Numbers::Slabs(slabs) => slabs::stored(slabs.as_ref(), dims, folder)?,

@@ -59,7 +59,7 @@ fn good_nifti() -> Nifti {
 }
 
 fn layout(dims: [u32; 3], spacing: [f64; 3], skip_bytes: u64) -> RawLayout {
-    RawLayout { dims, scalar: U16, spacing, skip_bytes }
+    RawLayout { dims, scalar: Some(U16), spacing, skip_bytes }
 }
 
 #[test]

@@ -1,6 +1,11 @@
 //! The readers of volume files, from outside: round trips, placement, broken files, and real volumes made by others.
 
+mod bare_numbers;
 mod broken;
+mod choices;
+mod command_line;
+mod dicom;
+mod dicom_samples;
 mod no_panic;
 mod peers;
 mod placement;

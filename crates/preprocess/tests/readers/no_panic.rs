@@ -212,14 +212,14 @@ fn any_raw_layout_never_panics() {
     let data = bytes(&numbers(ScalarType::I16), ByteOrder::Big);
     for file in [Files::new([("a.raw", data.clone())]), Files::new([("a.raw.gz", gzip(&data))])] {
         let path = file.path();
-        let layout = RawLayout { dims: DIMS, scalar: I16, spacing: [1.0; 3], skip_bytes: 0 };
+        let layout = RawLayout { dims: DIMS, scalar: Some(I16), spacing: [1.0; 3], skip_bytes: 0 };
         read_volume(&path, &layout.into()).unwrap_or_else(|error| panic!("the right layout: {error}"));
         let dim = prop_oneof![0_u32..6, any::<u32>()];
         proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) },
             |(dims in [dim.clone(), dim.clone(), dim.clone()], spacing in any::<[f64; 3]>(), any_spacing: bool, skip: u64, any_skip: bool)| {
                 let spacing = if any_spacing { spacing } else { [1.0; 3] };
                 let skip_bytes = if any_skip { skip } else { 0 };
-                let _ = read_volume(&path, &RawLayout { dims, scalar: I16, spacing, skip_bytes }.into());
+                let _ = read_volume(&path, &RawLayout { dims, scalar: Some(I16), spacing, skip_bytes }.into());
         });
     }
 }

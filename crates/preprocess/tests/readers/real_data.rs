@@ -49,7 +49,7 @@ fn read(file: &str, raw: Option<(&str, [u32; 3], [f64; 3])>) -> Option<Grid> {
     };
     let raw = raw.map(|(scalar, dims, spacing)| RawLayout {
         dims,
-        scalar: scalar.parse().expect("a type"),
+        scalar: Some(scalar.parse().expect("a type")),
         spacing,
         skip_bytes: 0,
     });

@@ -22,7 +22,7 @@ fn raw() {
     for stored in stored_types() {
         let data = sample(stored);
         let skipped = [b"header".as_slice(), &data].concat();
-        let layout = |skip_bytes| RawLayout { dims: DIMS, scalar: stored, spacing: [1.0, 2.0, 3.0], skip_bytes };
+        let layout = |skip_bytes| RawLayout { dims: DIMS, scalar: Some(stored), spacing: [1.0, 2.0, 3.0], skip_bytes };
         check(&Files::new([("a.raw", data.clone())]), &layout(0).into(), stored, "plain");
         check(&Files::new([("a.raw", skipped.clone())]), &layout(6).into(), stored, "skipped");
         check(&Files::new([("a.raw.gz", gzip(&data))]), &layout(0).into(), stored, "gzip");
@@ -35,7 +35,7 @@ fn raw_numbers_may_begin_like_a_gzip_file() {
     let mut data = vec![9; 60];
     data[..3].copy_from_slice(&[0x1f, 0x8b, 8]);
     let scalar = StoredType { scalar_type: ScalarType::U8, byte_order: ByteOrder::Little };
-    let layout = RawLayout { dims: DIMS, scalar, spacing: [1.0; 3], skip_bytes: 0 };
+    let layout = RawLayout { dims: DIMS, scalar: Some(scalar), spacing: [1.0; 3], skip_bytes: 0 };
     let grid = read_volume(&Files::new([("a.raw", data)]).path(), &layout.into()).expect("the length fits");
     assert_eq!(grid.scalars.get(1), 139.0);
 }
