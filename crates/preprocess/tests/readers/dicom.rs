@@ -130,8 +130,10 @@ fn hounsfield_units_are_whole_numbers_of_16_bits() {
     assert_eq!((&grid.scalars, grid.slope, grid.intercept), (&Scalars::U16(expected(2)), 1.0, -1024.0));
     // Slices of their own slopes are floats.
     let grid = read(&Folder::of_slices([rescaled(0, 1.0, 0.0), rescaled(1, 0.25, 3.0)]));
-    let values = numbers(0).iter().map(|&n| f32::from(n)).chain(numbers(1).iter().map(|&n| 0.25 * f32::from(n) + 3.0));
-    assert_eq!((grid.scalars, grid.slope, grid.intercept), (Scalars::F32(values.collect()), 1.0, 0.0));
+    let values =
+        |k: usize, slope: f32, intercept: f32| numbers(k).into_iter().map(move |n| slope * f32::from(n) + intercept);
+    let values = values(0, 1.0, 0.0).chain(values(1, 0.25, 3.0)).collect();
+    assert_eq!((grid.scalars, grid.slope, grid.intercept), (Scalars::F32(values), 1.0, 0.0));
 }
 
 #[test]

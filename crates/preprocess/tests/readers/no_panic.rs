@@ -8,6 +8,9 @@ use proptest::sample::Index;
 use voxrole_pack::ScalarType;
 use voxrole_preprocess::io::{ByteOrder, RawLayout, ReadOptions, StoredType, read_volume};
 
+use crate::dicom_samples::{
+    BIG_ENDIAN, COLUMNS, EXPLICIT, IMPLICIT, JPEG_LOSSLESS, RLE, Value, file, jpeg, rle, slice, with,
+};
 use crate::samples::{DIMS, Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, zlib};
 use crate::vti::{FORMS, Vti};
 
@@ -81,6 +84,23 @@ impl Damage {
     }
 }
 
+/// Good DICOM slices of every transfer syntax.
+fn good_slices() -> Vec<Files> {
+    let packed = |pixels: Vec<u8>| with(slice(0, 0.0), [(0x7fe0_0010, Value::Pieces(vec![0; 4], vec![pixels]))]);
+    let numbers: Vec<u16> = (0..12).map(|number| number * 300).collect();
+    let item = with(slice(0, 0.0), [(0x0020_9113, Value::Items(vec![slice(1, 1.0), slice(2, 2.0)]))]);
+    [
+        (EXPLICIT, slice(0, 0.0)),
+        (IMPLICIT, with(slice(0, 0.0), [(0x5200_9230, Value::Items(vec![item]))])),
+        (BIG_ENDIAN, slice(0, 0.0)),
+        (RLE, packed(rle(&numbers))),
+        (JPEG_LOSSLESS, packed(jpeg(&numbers, COLUMNS, 12))),
+    ]
+    .into_iter()
+    .map(|(syntax, elements)| Files::new([("a.dcm", file(syntax, &elements))]))
+    .collect()
+}
+
 /// Good files with their data files; damage goes to the first.
 fn good_files() -> Vec<Files> {
     let data = bytes(&numbers(ScalarType::I16), ByteOrder::Big);
@@ -115,7 +135,9 @@ fn good_files() -> Vec<Files> {
         Files::new([("a.nii", nifti.file())]),
         Files::new([("a.nii", by_quaternion.file())]),
         Files::new([("a.nii.gz", gzip(&nifti.file()))]),
-        Files::new([("a.hdr", pair.header()), ("a.img", data)]),
+        Files::new([("a.hdr", pair.header()), ("a.img", data.clone())]),
+        Files::new([("a.npy", [NPY, &data].concat())]),
+        Files::new([("a.vvd", VVD.into()), ("a.raw", data)]),
     ];
     files.extend(vti);
     files
@@ -137,9 +159,13 @@ fn never_panics(damaged: &Path, opened: &Path, options: &ReadOptions, cases: u32
     fs::write(damaged, &good).expect("written");
 }
 
+const NPY: &[u8] = b"\x93NUMPY\x01\0\x3b\0{'descr': '>i2', 'fortran_order': False, 'shape': (5,4,3)}\n";
+const VVD: &[u8] = b"<VoreenData><RawData filename=\"a.raw\" format=\"int16\" x=\"3\" y=\"4\" z=\"5\" />\
+<MetaItem name=\"Spacing\" type=\"Vec3MetaData\"><value x=\"1\" y=\"2\" z=\"3\" /></MetaItem></VoreenData>";
+
 #[test]
 fn damaged_files_never_panic() {
-    for files in good_files() {
+    for files in good_files().into_iter().chain(good_slices()) {
         never_panics(&files.path(), &files.path(), &ReadOptions::default(), 400);
     }
 }

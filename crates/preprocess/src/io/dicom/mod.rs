@@ -77,3 +77,40 @@ fn placement(stack: &Stack, distance: f64) -> Placement {
         ..Placement::axis_aligned(dims, [x, y, distance])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::Grid;
+    use crate::io::slabs;
+
+    /// A real series that makes no grid: its numbers and places all the same. `VOXROLE_REAL_DATA` names the folder.
+    #[test]
+    fn the_tilted_series_has_its_numbers_and_places() {
+        let Some(folder) = std::env::var_os("VOXROLE_REAL_DATA") else {
+            eprintln!("skipped: VOXROLE_REAL_DATA does not name a folder of real volumes");
+            return;
+        };
+        let found = series::find(&PathBuf::from(folder).join("ct_tilt_dicom"), &ReadOptions::default());
+        let images = found.unwrap_or_else(|error| panic!("{error}")).images;
+        let stack = Stack::new(&images).unwrap_or_else(|error| panic!("{error}"));
+        let gaps: Vec<f64> = stack.heights.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let expected = [[4.002; 13].as_slice(), &[1.081], &[6.999; 13]].concat();
+        assert!(gaps.iter().zip(&expected).all(|(gap, expected)| (gap - expected).abs() < 1e-3), "{gaps:?}");
+        // As SimpleITK 2.5 has them.
+        let origin = [-125.0, -123.5404569, 5.8360586];
+        let direction =
+            [[1.0, 0.0, 0.0], [0.0, 0.948323646598, -0.317304682132], [0.0, 0.317304682132, 0.948323646598]];
+        let geometry = placement(&stack, 1.0).geometry(Path::new("tilt")).expect("a grid");
+        let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off(&geometry.origin, &origin) < 1e-9, "{:?}", geometry.origin);
+        assert!(off(geometry.direction.as_flattened(), direction.as_flattened()) < 1e-6, "{:?}", geometry.direction);
+        let scalars =
+            slabs::read(&Slices::new(images, stack), [512, 512, 28]).unwrap_or_else(|error| panic!("{error}"));
+        let grid = Grid::new("tilt", geometry, scalars).expect("a volume");
+        let sha256: String = grid.voxels_sha256().iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(sha256, "b9f11236dfdde50d12b3566822e91d0ab3effd7e3f3b5f086bea6384932e19c1");
+    }
+}
