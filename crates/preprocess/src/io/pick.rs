@@ -39,9 +39,10 @@ pub(super) fn choose(axes: &[(u64, AxisRole)], options: &ReadOptions) -> Result<
     let mut stride = 1_u64;
     for &(size, role) in axes {
         let pick = Pick { stride, count: size, index: 0 };
-        stride = size.checked_mul(stride).filter(|numbers| (1..=MOST_NUMBERS).contains(numbers)).ok_or_else(|| {
-            format!("expected as many numbers as a machine can address, found {} of them", shown(axes))
-        })?;
+        stride = size
+            .checked_mul(stride)
+            .filter(|numbers| (1..=MOST_NUMBERS).contains(numbers))
+            .ok_or_else(|| format!("expected fewer numbers, found {}, more than a machine can address", shown(axes)))?;
         if role == AxisRole::Space || size == 1 {
             continue;
         }
@@ -131,7 +132,8 @@ fn list(sizes: &[u64]) -> String {
 }
 
 fn shown(axes: &[(u64, AxisRole)]) -> String {
-    list(&axes.iter().map(|axis| axis.0).collect::<Vec<_>>())
+    let counts = axes.iter().filter(|(size, role)| *size != 1 || *role == AxisRole::Space);
+    list(&counts.map(|axis| axis.0).collect::<Vec<_>>())
 }
 
 impl Picks {

@@ -136,7 +136,8 @@ pub(super) fn stored_type(path: &Path, dims: [u32; 3], skip: u64) -> Result<Stor
                 .iter()
                 .map(|&stored| {
                     let mut roughness = Roughness::new(&content, stored);
-                    (lags.iter().map(|&lag| roughness.at(lag)).sum(), stored)
+                    let last = if roughness.is_other_sign() { f64::MAX } else { 0.0 };
+                    (lags.iter().map(|&lag| roughness.at(lag)).sum::<f64>().max(last), stored)
                 })
                 .collect();
             ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -163,6 +164,9 @@ pub(super) fn proposals(path: &Path) -> Vec<String> {
     let mut found: Vec<(f64, String)> = Vec::new();
     for stored in types().filter(|stored| named.is_empty() || named.contains(stored)) {
         let mut roughness = Roughness::new(&content, stored);
+        if named.is_empty() && roughness.is_other_sign() {
+            continue;
+        }
         let mut best: Option<(f64, [u64; 3], u64)> = None;
         for (dims, skip) in candidates(&name, content.length, stored.scalar_type.size_in_bytes() as u64) {
             let [x, y, _] = dims;
@@ -211,8 +215,13 @@ fn named_types(name: &str) -> Vec<StoredType> {
 /// Dimensions that fit a file of `length` bytes with numbers of `size`, and the bytes in front of them: those in its name if
 /// there are any, else all in which sides are neither very long nor very short.
 fn candidates(name: &str, length: u64, size: u64) -> Vec<([u64; 3], u64)> {
-    let numbers: Vec<u64> =
-        name.split(|letter: char| !letter.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect();
+    // Not the digits of a type or version such as u8 or v2.
+    let is_own = |before: &str| before.ends_with('x') || !before.ends_with(|letter: char| letter.is_alphanumeric());
+    let digits = name.match_indices(|letter: char| letter.is_ascii_digit()).map(|(at, _)| at);
+    let numbers: Vec<u64> = digits
+        .filter(|&at| is_own(&name[..at]))
+        .filter_map(|at| name[at..].split(|letter: char| !letter.is_ascii_digit()).next()?.parse().ok())
+        .collect();
     let bytes = |dims: &[u64; 3]| dims.iter().try_fold(size, |product, dim| product.checked_mul(*dim));
     let named: Vec<([u64; 3], u64)> = numbers
         .windows(3)
@@ -221,6 +230,9 @@ fn candidates(name: &str, length: u64, size: u64) -> Vec<([u64; 3], u64)> {
         // A header is shorter than what it describes.
         .filter(|(_, skip)| *skip < length / 2)
         .collect();
+    if let Some(exact) = named.iter().find(|(_, skip)| *skip == 0) {
+        return vec![*exact];
+    }
     if !named.is_empty() {
         return named;
     }
@@ -257,6 +269,21 @@ impl<'a> Roughness<'a> {
             [3, 5, 7].map(|part| content.windows[0].len() as u64 / stored.scalar_type.size_in_bytes() as u64 / part);
         roughness.spread = far.iter().map(|&lag| roughness.difference(lag)).sum::<f64>() / 3.0;
         roughness
+    }
+
+    /// Whether neighbours would differ less if the same bits had a sign, or had none.
+    fn is_other_sign(&self) -> bool {
+        let other = match self.stored.scalar_type {
+            ScalarType::U16 => ScalarType::I16,
+            ScalarType::I16 => ScalarType::U16,
+            ScalarType::U32 => ScalarType::I32,
+            ScalarType::I32 => ScalarType::U32,
+            _ => return false,
+        };
+        let other = Self { stored: StoredType { scalar_type: other, ..self.stored }, known: BTreeMap::new(), ..*self };
+        let [own, others] = [self.difference(1), other.difference(1)];
+        // Without a sign unless it makes a difference.
+        others < own || (others == own && matches!(self.stored.scalar_type, ScalarType::I16 | ScalarType::I32))
     }
 
     /// Between neighbours at this distance; 1 where nothing can be told, infinite where these are no numbers.

@@ -23,8 +23,12 @@ pub(super) fn find(data: &Path, options: &ReadOptions) -> Result<Option<VolumeFi
     let is_header = |path: &PathBuf| {
         EXTENSIONS.iter().any(|known| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(known)))
     };
-    let mut headers: Vec<PathBuf> =
-        entries.flatten().map(|entry| entry.path()).filter(is_header).take(MOST_HEADERS).collect();
+    let mut headers: Vec<PathBuf> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| is_header(path) && !is_same(path, data))
+        .take(MOST_HEADERS)
+        .collect();
     let name = data.file_name().unwrap_or_default().to_string_lossy();
     let is_of_same_name = |header: &PathBuf| {
         let stem = header.file_stem().unwrap_or_default().to_string_lossy();

@@ -110,7 +110,7 @@ fn files_of_other_kinds() {
     }
     let folder = tempfile::tempdir().expect("a folder");
     let message = read_volume(folder.path(), &ReadOptions::default()).expect_err("a folder").to_string();
-    assert!(message.contains("expected a volume file, found a folder"), "{message}");
+    assert!(message.contains("expected a DICOM series, found no image in 0 files"), "{message}");
     let missing = folder.path().join("missing.nrrd");
     assert!(read_volume(&missing, &ReadOptions::default()).expect_err("missing").to_string().contains("missing.nrrd"));
 }
@@ -158,8 +158,8 @@ fn nrrd_headers() {
 #[test]
 fn nrrd_with_other_counts_of_axes() {
     for (axes, expected) in [
-        ("dimension: 4\nsizes: 3 4 5 2", "one number per voxel"),
-        ("dimension: 4\nsizes: 3 4 5 2\nkinds: vector domain domain domain", "one number per voxel"),
+        ("dimension: 4\nsizes: 3 4 5 2", "found four (3 x 4 x 5 x 2"),
+        ("dimension: 4\nsizes: 3 4 5 2\nkinds: vector domain domain domain", "3 numbers per voxel"),
         ("dimension: 2\nsizes: 12 5", "three axes of a volume"),
     ] {
         let header = nrrd_header(U16, "encoding: raw").replace("dimension: 3\nsizes: 3 4 5", axes);
@@ -179,7 +179,7 @@ fn nrrd_placements() {
         (lps, "(1,0,0) (0,1e300,0) (0,0,3)", "inf is not a positive length"),
         (lps, "(1,0) (0,1) (0,0)", "a vector (x,y,z)"),
         (lps, "(1,0,0) (0,2,0)", "3 entries"),
-        (lps, "none (0,2,0) (0,0,3)", "one number per voxel"),
+        (lps, "none (0,2,0) (0,0,3)", "three axes of space"),
         ("space: scanner-xyz-time", "(1,0,0) (0,2,0) (0,0,3)", "a space of three dimensions"),
         ("space dimension: 4", "(1,0,0) (0,2,0) (0,0,3)", "space dimension: expected 3"),
         ("content: none", "(1,0,0) (0,2,0) (0,0,3)", "no `space`"),
@@ -241,7 +241,8 @@ fn metaimage_headers() {
         ("DimSize = 3 4 5", "DimSize = 3 4", &["3 numbers", "3 4"]),
         ("DimSize = 3 4 5", "DimSize = 3 4 -5", &["a whole number from 0 up", "-5"]),
         ("DimSize = 3 4 5\n", "", &["DimSize"]),
-        ("NDims = 3", "NDims = 4", &["NDims: expected 3", "\"4\""]),
+        ("NDims = 3", "NDims = 5", &["NDims: expected 3", "\"5\""]),
+        ("NDims = 3", "NDims = 4", &["DimSize: expected 4 numbers"]),
         ("NDims = 3\n", "", &["NDims: expected 3", "no such field"]),
         ("ObjectType = Image", "ObjectType = Tube", &["Image", "Tube"]),
         ("ElementType = MET_USHORT", "ElementType = MET_LONG_LONG", &["ElementType", "MET_LONG_LONG"]),
@@ -250,7 +251,11 @@ fn metaimage_headers() {
         ("ElementSpacing = 1 2 3", "ElementSpacing = 1 nan 3", &["NaN is not a positive length"]),
         ("ElementSpacing = 1 2 3", "TransformMatrix = 1 0 0 0.2 1 0 0 0 1", &["not at right angles"]),
         ("ElementSpacing = 1 2 3", "TransformMatrix = 0 0 0 0 0 0 0 0 0", &["not at right angles"]),
-        ("ElementSpacing = 1 2 3", "ElementNumberOfChannels = 3", &["ElementNumberOfChannels: expected 1"]),
+        (
+            "ElementSpacing = 1 2 3",
+            "ElementNumberOfChannels = 3",
+            &["found 3 numbers per voxel (3 x 3 x 4 x 5)", "--component N"],
+        ),
         ("ElementSpacing = 1 2 3", "BinaryData = False", &["BinaryData: expected True"]),
         ("ElementSpacing = 1 2 3", "CompressedData = maybe", &["True or False", "maybe"]),
         ("ElementSpacing = 1 2 3", "CompressedData = True", &["damaged", "expected 120 bytes"]),
@@ -309,11 +314,14 @@ fn nifti_headers() {
     nifti(dim(0, -3), &["dim[0]", "-3"]);
     nifti(dim(2, 0), &["dim[2]: expected at least 1, found 0"]);
     nifti(dim(2, -4), &["dim[2]: expected at least 1, found -4"]);
-    nifti(Nifti { dim: [4, 3, 4, 5, 2, 1, 1, 1], ..good.clone() }, &["dim[4]: expected 1", "found 2"]);
-    nifti(Nifti { dim: [5, 3, 4, 5, 1, 3, 1, 1], ..good.clone() }, &["dim[5]: expected 1", "found 3"]);
+    nifti(
+        Nifti { dim: [4, 3, 4, 5, 2, 1, 1, 1], ..good.clone() },
+        &["found 2 points of time (3 x 4 x 5 x 2)", "--time N"],
+    );
+    nifti(Nifti { dim: [5, 3, 4, 5, 1, 3, 1, 1], ..good.clone() }, &["found 3 numbers per voxel", "--component N"]);
     nifti(dim(3, 32767), &["expected 786408 bytes (3 x 4 x 32767 of u16le)"]);
     nifti(dim(3, 4), &["expected 96 bytes"]);
-    nifti(Nifti { datatype: Some(128), ..good.clone() }, &["datatype", "128 (colours)"]);
+    nifti(Nifti { datatype: Some(128), ..good.clone() }, &["bitpix: expected 24", "found 16"]);
     nifti(Nifti { datatype: Some(1024), ..good.clone() }, &["datatype", "1024 (64-bit integers)"]);
     nifti(Nifti { datatype: Some(-7), ..good.clone() }, &["datatype", "-7"]);
     nifti(Nifti { bitpix: Some(8), ..good.clone() }, &["bitpix: expected 16", "found 8"]);

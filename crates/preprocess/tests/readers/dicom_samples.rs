@@ -232,11 +232,12 @@ pub fn jpeg(numbers: &[u16], columns: usize, bits: u8) -> Vec<u8> {
             (0, _) => i32::from(numbers[index - columns]),
             _ => i32::from(numbers[index - 1]),
         };
-        let difference = i32::from(number) - prediction;
+        // Differences are counted modulo 2¹⁶.
+        let difference = i32::from((i32::from(number) - prediction) as i16);
         let count = 32 - difference.unsigned_abs().leading_zeros();
         string += &format!("{count:05b}");
         let rest = if difference < 0 { difference + (1 << count) - 1 } else { difference };
-        if count > 0 {
+        if (1..16).contains(&count) {
             string += &format!("{rest:0width$b}", width = count as usize);
         }
     }

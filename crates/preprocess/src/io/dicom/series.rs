@@ -110,6 +110,7 @@ fn choose(folder: &Path, files: Vec<File>, scanned: usize, wanted: Option<&str>)
             None => all.push((file.series.clone(), 1)),
         }
     }
+    all.sort_by_key(|(series, _)| (series.number.parse().unwrap_or(i64::MAX), series.uid.clone()));
     let matches =
         |series: &Series| wanted.is_none_or(|wanted| [&series.uid, &series.number].contains(&&wanted.to_owned()));
     let chosen: Vec<&Series> = all.iter().map(|(series, _)| series).filter(|series| matches(series)).collect();
