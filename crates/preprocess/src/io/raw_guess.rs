@@ -24,8 +24,9 @@ const PROPOSALS: usize = 3;
 const SIDES: std::ops::RangeInclusive<u64> = 16..=4096;
 const MOST_SLICES: u64 = 1 << 14;
 const MOST_ASPECT: u64 = 4;
-/// A float beyond this is no measured value, but bytes of something else.
+/// A float beyond these, but for 0, is no measured value, but bytes of something else.
 const LARGEST_FLOAT: f64 = 1e20;
+const SMALLEST_FLOAT: f64 = 1e-30;
 /// Types to try, the more common first: of equally smooth ones the first is proposed.
 const TYPES: [&str; 13] =
     ["u8", "u16le", "u16be", "i16le", "i16be", "f32le", "f32be", "i32le", "u32le", "f64le", "f64be", "i32be", "u32be"];
@@ -136,7 +137,7 @@ pub(super) fn stored_type(path: &Path, dims: [u32; 3], skip: u64) -> Result<Stor
                 .iter()
                 .map(|&stored| {
                     let mut roughness = Roughness::new(&content, stored);
-                    let last = if roughness.is_other_sign() { f64::MAX } else { 0.0 };
+                    let last = if roughness.has_better_twin() { f64::MAX } else { 0.0 };
                     (lags.iter().map(|&lag| roughness.at(lag)).sum::<f64>().max(last), stored)
                 })
                 .collect();
@@ -164,7 +165,7 @@ pub(super) fn proposals(path: &Path) -> Vec<String> {
     let mut found: Vec<(f64, String)> = Vec::new();
     for stored in types().filter(|stored| named.is_empty() || named.contains(stored)) {
         let mut roughness = Roughness::new(&content, stored);
-        if named.is_empty() && roughness.is_other_sign() {
+        if named.is_empty() && roughness.has_better_twin() {
             continue;
         }
         let mut best: Option<(f64, [u64; 3], u64)> = None;
@@ -271,19 +272,21 @@ impl<'a> Roughness<'a> {
         roughness
     }
 
-    /// Whether neighbours would differ less if the same bits had a sign, or had none.
-    fn is_other_sign(&self) -> bool {
-        let other = match self.stored.scalar_type {
-            ScalarType::U16 => ScalarType::I16,
-            ScalarType::I16 => ScalarType::U16,
-            ScalarType::U32 => ScalarType::I32,
-            ScalarType::I32 => ScalarType::U32,
-            _ => return false,
+    /// Whether the same bits make better numbers with or without a sign, or as floats.
+    fn has_better_twin(&self) -> bool {
+        let twin = |scalar_type| {
+            let stored = StoredType { scalar_type, ..self.stored };
+            Self { stored, known: BTreeMap::new(), ..*self }.difference(1)
         };
-        let other = Self { stored: StoredType { scalar_type: other, ..self.stored }, known: BTreeMap::new(), ..*self };
-        let [own, others] = [self.difference(1), other.difference(1)];
-        // Without a sign unless it makes a difference.
-        others < own || (others == own && matches!(self.stored.scalar_type, ScalarType::I16 | ScalarType::I32))
+        let own = self.difference(1);
+        // Without a sign unless it makes a difference; whole numbers are nearly always strange as floats.
+        match self.stored.scalar_type {
+            ScalarType::U16 => twin(ScalarType::I16) < own,
+            ScalarType::I16 => twin(ScalarType::U16) <= own,
+            ScalarType::U32 => twin(ScalarType::I32) < own || twin(ScalarType::F32).is_finite(),
+            ScalarType::I32 => twin(ScalarType::U32) <= own || twin(ScalarType::F32).is_finite(),
+            _ => false,
+        }
     }
 
     /// Between neighbours at this distance; 1 where nothing can be told, infinite where these are no numbers.
@@ -309,7 +312,7 @@ impl<'a> Roughness<'a> {
             for first in (0..pairs).step_by(pairs / PAIRS | 1) {
                 let [a, b] =
                     [first, first + lag as usize].map(|voxel| number(&window[voxel * size..][..size], self.stored));
-                let is_odd = |value: f64| !value.is_finite() || value.abs() > LARGEST_FLOAT;
+                let is_odd = |value: f64| value != 0.0 && !(SMALLEST_FLOAT..=LARGEST_FLOAT).contains(&value.abs());
                 if is_odd(a) || is_odd(b) {
                     return f64::INFINITY;
                 }
