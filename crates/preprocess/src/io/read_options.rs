@@ -27,7 +27,7 @@ impl ReadOptions {
     ///
     /// # Errors
     /// A message, when one has to be chosen or is not there.
-    pub(super) fn component_of(&self, count: usize, what: &str) -> Result<usize, String> {
+    pub(super) fn component_of(&self, count: usize, what: &str) -> std::result::Result<usize, String> {
         chosen(self.component, count, what, "--component")
     }
 
@@ -35,14 +35,32 @@ impl ReadOptions {
     ///
     /// # Errors
     /// As [`Self::component_of`].
-    pub(super) fn time_of(&self, count: usize) -> Result<usize, String> {
+    pub(super) fn time_of(&self, count: usize) -> std::result::Result<usize, String> {
         chosen(self.time, count, "points of time", "--time")
+    }
+
+    /// Makes sure that no component and no point of time is chosen of a volume of one.
+    pub(super) fn expect_no_place(&self, path: &Path) -> Result<()> {
+        let places = self.component_of(1, "numbers per voxel").and(self.time_of(1));
+        places.map(drop).map_err(|message| Error::format(path, message))
+    }
+
+    /// Makes sure that nothing is chosen that only DICOM has.
+    pub(super) fn expect_no_series(&self, path: &Path) -> Result<()> {
+        let given = [("--series", self.series.is_some()), ("--resample", self.resample)];
+        given.iter().filter(|(_, is_given)| *is_given).try_for_each(|(option, _)| {
+            let message = format!("expected a DICOM series for {option}, found another format: leave the option out");
+            Err(Error::format(path, message))
+        })
     }
 }
 
-fn chosen(choice: Option<usize>, count: usize, what: &str, option: &str) -> Result<usize, String> {
+fn chosen(choice: Option<usize>, count: usize, what: &str, option: &str) -> std::result::Result<usize, String> {
     match choice {
         None if count == 1 => Ok(0),
+        Some(index) if count == 1 => {
+            Err(format!("expected several {what} for {option} {index}, found one: leave the option out"))
+        }
         None => Err(format!(
             "expected a scalar volume, found {count} {what}: choose one of 0 to {} with {option}",
             count - 1
@@ -56,25 +74,4 @@ impl From<RawLayout> for ReadOptions {
     fn from(layout: RawLayout) -> Self {
         Self { raw: Some(layout), ..Self::default() }
     }
-}
-
-impl ReadOptions {
-    /// Makes sure that no component and no point of time is chosen of a volume of one.
-    pub(super) fn expect_no_place(&self, path: &Path) -> Result<()> {
-        expect_none(path, "--component", self.component.is_some(), "a volume of several numbers per voxel")?;
-        expect_none(path, "--time", self.time.is_some(), "a volume of several points of time")
-    }
-
-    /// Makes sure that nothing is chosen that only DICOM has.
-    pub(super) fn expect_no_series(&self, path: &Path) -> Result<()> {
-        expect_none(path, "--series", self.series.is_some(), "a folder of DICOM series")?;
-        expect_none(path, "--resample", self.resample, "a DICOM series")
-    }
-}
-
-fn expect_none(path: &Path, option: &str, is_given: bool, expected: &str) -> Result<()> {
-    if !is_given {
-        return Ok(());
-    }
-    Err(Error::format(path, format!("expected {expected} for {option}, found none: leave the option out")))
 }

@@ -55,10 +55,10 @@ fn descriptions_of_voreen_that_are_refused() {
         ("uint8", "Vector3(float)", "format: expected uint8"),
         ("RawData", "Other", "an element `RawData`"),
         ("a.raw", "none.raw", "none.raw"),
-        (" z=\"5\"", "", "expected `z`"),
-        ("y=\"4\"", "y=\"-4\"", "y of `RawData`: expected a number"),
+        (" z=\"5\"", "", "an attribute `z`"),
+        ("y=\"4\"", "y=\"-4\"", "y: expected a whole number from 0 up"),
         ("z=\"5\"", "z=\"6\"", "expected 72 bytes"),
-        ("</Vor", "<MetaItem name=\"Transformation\" /></Vor", "Transformation"),
+        ("</Vor", "<MetaItem name=\"Transformation\" /></Vor", "no transformation"),
     ] {
         let files = Files::new([("a.vvd", good.replace(old, new).into_bytes()), ("a.raw", vec![0; 60])]);
         assert!(message(&files.path()).contains(expected), "{}", message(&files.path()));

@@ -16,6 +16,7 @@ use planes::{Plane, Planes};
 use stack::Stack;
 
 use super::payload::{Encoding, Payload, Start};
+use super::pick::Picks;
 use super::placement::Placement;
 use super::read_options::ReadOptions;
 use super::volume_file::{Numbers, VolumeFile};
@@ -94,6 +95,7 @@ fn volume(
             decoded_skip: 0,
             dims,
             stored: tags.stored_type(),
+            picks: Picks::default(),
             hint: "the file is cut short, or its description counts more slices than it has",
         }),
         None => Numbers::Slabs(Box::new(Planes { files, planes, tags: tags.clone(), sample })),

@@ -16,6 +16,7 @@ use numbers::NumberType;
 
 use super::header::{Fields, shown};
 use super::payload::{Encoding, Payload, Start};
+use super::pick::Picks;
 use super::placement::Placement;
 use super::raw::{ByteOrder, StoredType};
 use super::read_options::ReadOptions;
@@ -50,6 +51,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
             decoded_skip: 0,
             dims: geometry.dims,
             stored: StoredType { scalar_type: stored.number_type.scalar_type(), byte_order: stored.byte_order },
+            picks: Picks::default(),
             hint: "the file is cut short",
         }),
         None => Numbers::Slabs(Box::new(stored)),
