@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use ::tiff::TiffResult;
 use ::tiff::decoder::{ChunkType, DecodingResult};
 use voxrole_pack::ScalarType;
 
@@ -48,9 +47,7 @@ impl Slabs for Planes {
                 Some((file, decoder)) if file == plane.file => decoder,
                 _ => open(path)?,
             };
-            if plane.page > 0 || self.planes.len() > self.files.len() {
-                decoder.seek_to_image(plane.page).map_err(|error| broken(path, error))?;
-            }
+            decoder.seek_to_image(plane.page).map_err(|error| broken(path, error))?;
             self.decode_page(path, &mut decoder, sink)?;
             current = Some((plane.file, decoder));
         }
@@ -95,7 +92,7 @@ impl Planes {
             for column in 0..across {
                 let columns = if across == 1 { width } else { chunk_width.min(width - column * chunk_width) } as usize;
                 let chunk = (plane * down + row) * across + column;
-                let numbers = read_chunk(decoder, chunk).map_err(|error| broken(path, error))?;
+                let numbers = decoder.read_chunk(chunk).map_err(|error| broken(path, error))?;
                 let picked = Picked { sample, samples, scalar_type: self.tags.scalar_type };
                 let bytes =
                     picked.bytes(&numbers).ok_or_else(|| fail("expected numbers of one type, found several"))?;
@@ -111,10 +108,6 @@ impl Planes {
         }
         Ok(())
     }
-}
-
-fn read_chunk(decoder: &mut FileDecoder, chunk: u32) -> TiffResult<DecodingResult> {
-    decoder.read_chunk(chunk)
 }
 
 /// Which of the decoded numbers are meant.
