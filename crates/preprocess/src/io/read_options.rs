@@ -57,6 +57,7 @@ impl ReadOptions {
 
 fn chosen(choice: Option<usize>, count: usize, what: &str, option: &str) -> std::result::Result<usize, String> {
     match choice {
+        _ if count == 0 => Err(format!("expected a scalar volume, found no {what}")),
         None if count == 1 => Ok(0),
         Some(index) if count == 1 => {
             Err(format!("expected several {what} for {option} {index}, found one: leave the option out"))
