@@ -30,7 +30,7 @@ impl PackedBrick {
     /// The `len` numbers of a brick that does not need a mask.
     ///
     /// # Errors
-    /// [`Error::Format`] when the bytes are damaged or need a mask.
+    /// [`crate::Error::Format`] when the bytes are damaged or need a mask.
     pub fn unpack<T: LittleEndian>(&self, len: usize) -> Result<Vec<T>> {
         let mut values = Vec::new();
         Unpacker::new()?.unpack(self.encoding, &self.bytes, len, None, &mut values)?;
@@ -51,7 +51,7 @@ impl PackedMask {
     /// The mask of a brick of `voxels` voxels that is packed already.
     ///
     /// # Errors
-    /// [`Error::Format`] when the bytes are damaged.
+    /// [`crate::Error::Format`] when the bytes are damaged.
     pub fn of_brick(brick: PackedBrick, voxels: usize) -> Result<(Self, Vec<u8>)> {
         let bits: Vec<u8> = brick.unpack(voxels.div_ceil(8))?;
         Ok((Self { brick, bits_crc32: crc32fast::hash(&bits) }, bits))
@@ -74,7 +74,7 @@ pub struct PackedLayerBrick<T> {
 /// of the block's distances, as [`PackedMask::bits_crc32`], or none.
 ///
 /// # Errors
-/// [`Error::Io`] when zstd fails.
+/// [`crate::Error::Io`] when zstd fails.
 ///
 /// # Panics
 /// When there are fewer values than voxels.
@@ -128,7 +128,7 @@ impl<T: Scalar> Workbenches<T> {
     /// Packs a brick of `dims` voxels of a layer: `encode` of all its values, x fastest.
     ///
     /// # Errors
-    /// [`Error::Io`] when zstd fails.
+    /// [`crate::Error::Io`] when zstd fails.
     pub fn pack<S: LittleEndian>(
         &self,
         layer: &Layer,
@@ -147,7 +147,7 @@ impl<T: Scalar> Workbenches<T> {
     /// Adds what a brick of `dims` voxels that is packed already leaves to the coarser level. `mask` is needed by a sparse one.
     ///
     /// # Errors
-    /// [`Error::Format`] when the brick is damaged.
+    /// [`crate::Error::Format`] when the brick is damaged.
     pub fn unpack(
         &self,
         layer: &Layer,

@@ -309,7 +309,7 @@ impl<'a> Roughness<'a> {
             let voxels = window.len() / size;
             let Some(pairs) = usize::try_from(lag).ok().and_then(|lag| voxels.checked_sub(lag)) else { continue };
             // An odd step, so that no row or column is looked at only.
-            for first in (0..pairs).step_by(pairs / PAIRS | 1) {
+            for first in (0..pairs).step_by((pairs / PAIRS) | 1) {
                 let [a, b] =
                     [first, first + lag as usize].map(|voxel| number(&window[voxel * size..][..size], self.stored));
                 let is_odd = |value: f64| value != 0.0 && !(SMALLEST_FLOAT..=LARGEST_FLOAT).contains(&value.abs());

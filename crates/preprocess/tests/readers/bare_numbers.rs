@@ -106,7 +106,7 @@ fn the_smoothest_layout_is_proposed_first() {
         // With the dimensions only the type is open.
         let files = Files::new([("scan.raw", encoded(stored))]);
         let layout = RawLayout { dims: dims.map(|dim| dim as u32), scalar: None, spacing: [1.0; 3], skip_bytes: 0 };
-        match read_volume(&files.path(), &layout.clone().into()) {
+        match read_volume(&files.path(), &layout.into()) {
             Ok(grid) => assert_eq!((grid.scalars.scalar_type(), stored), (ScalarType::U8, "u8")),
             Err(error) => {
                 let expected = format!("likeliest first: --dtype {stored}");

@@ -241,7 +241,7 @@ pub fn jpeg(numbers: &[u16], columns: usize, bits: u8) -> Vec<u8> {
             string += &format!("{rest:0width$b}", width = count as usize);
         }
     }
-    while string.len() % 8 != 0 {
+    while !string.len().is_multiple_of(8) {
         string.push('1');
     }
     for byte in string.as_bytes().chunks(8) {

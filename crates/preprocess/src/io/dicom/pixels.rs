@@ -19,7 +19,8 @@ pub(super) fn unpacked(image: &Image, frame: usize) -> Result<Vec<u8>> {
     match &image.pixels {
         Pixels::Native(range) => {
             let start = range.start + (frame * format.frame_bytes()) as u64;
-            read(image, &[start..start + format.frame_bytes() as u64])
+            let range = start..start + format.frame_bytes() as u64;
+            read(image, std::slice::from_ref(&range))
         }
         Pixels::Pieces { pieces, frame_offsets } => {
             let packed = read(image, pieces_of(frame, image.frames.len(), pieces, frame_offsets).ok_or_else(|| {
