@@ -41,16 +41,11 @@ impl Roles {
     pub fn new(tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
         let [nx, ny, _] = region.dims();
         let count = region.voxel_count();
-        let floats = || -> Result<Vec<f32>> {
-            let mut values = vec_with_capacity(count, "the voxel roles")?;
-            values.resize(count, f32::NAN);
-            Ok(values)
-        };
         let mut roles = Self {
-            distance: floats()?,
-            hit_gradient: floats()?,
-            hit_value: floats()?,
-            normal: vec![NO_NORMAL; count],
+            distance: filled(count, f32::NAN)?,
+            hit_gradient: filled(count, f32::NAN)?,
+            hit_value: filled(count, f32::NAN)?,
+            normal: filled(count, NO_NORMAL)?,
             work: Work::default(),
             hits: 0,
             masked: 0,
@@ -79,6 +74,13 @@ impl Roles {
     pub fn misses(&self) -> u64 {
         self.distance.len() as u64 - self.hits - self.masked
     }
+}
+
+/// A vector of one value, written on every thread: memory is slow when it is written first.
+fn filled<T: Copy + Send + Sync>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = vec_with_capacity(count, "the voxel roles")?;
+    rayon::iter::repeat_n(value, count).collect_into_vec(&mut values);
+    Ok(values)
 }
 
 /// Voxels of a row that are looked at together.

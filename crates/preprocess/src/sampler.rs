@@ -139,10 +139,22 @@ impl Ray {
         planes
     }
 
-    /// Largest number of voxels that the ray moves along any axis per unit of its parameter.
+    /// How much the parameter grows per voxel along each axis, infinite across the ray.
     #[must_use]
-    pub fn fastest(&self) -> f32 {
-        self.direction.abs().max_element()
+    pub fn slowness(&self) -> Vec3 {
+        self.direction.abs().recip()
+    }
+
+    /// The parameter at which the ray leaves the cube of all cells that are closer to `cell` than `distance`, in the
+    /// Chebyshev metric. `slowness` is the ray's.
+    #[inline(always)]
+    #[must_use]
+    pub fn leaves(&self, slowness: Vec3, cell: [usize; 3], distance: u8) -> f32 {
+        let cell = IVec3::from_array(cell.map(|index| index as i32)) - self.origin;
+        let [ahead, behind] = [cell + i32::from(distance), i32::from(distance - 1) - cell];
+        let room = IVec3::select(self.direction.cmpge(Vec3::ZERO), ahead, behind);
+        // Across the ray no room at all is 0 · ∞, which is not less than any other number.
+        (room.as_vec3() * slowness).min_element()
     }
 }
 

@@ -133,6 +133,8 @@ pub struct Tracer<'a> {
     /// From a direction in units of L_min to voxels.
     index_from_length: Vec3,
     step: f32,
+    /// Steps per unit of a ray's parameter, and a little less for rounding.
+    safe_steps_per_length: f32,
     last_step: u32,
     d_max: f32,
     climb: Climb,
@@ -174,6 +176,7 @@ impl<'a> Tracer<'a> {
             dims: field.dims(),
             index_from_length: Vec3::from_array(field.spacing.map(f32::recip)),
             step,
+            safe_steps_per_length: (1.0 - 1e-5) / step,
             last_step: (settings.d_max / settings.step * (1.0 + 1e-9)).floor() as u32,
             // The last sample may lie at d_max itself, and so may a crossing but for rounding.
             d_max: (settings.d_max * (1.0 + 1e-6)) as f32,
@@ -272,7 +275,7 @@ impl<'a> Tracer<'a> {
     /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
     #[inline(always)]
     fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Option<f32> {
-        let cells_per_step = signed.ray.fastest() * self.step;
+        let slowness = signed.ray.slowness();
         let mut k = start + 1;
         // Whether the sample before lies in a cell that is known to have q > 0 throughout. The voxel itself is a corner
         // of the first sample's cell.
@@ -284,9 +287,9 @@ impl<'a> Tracer<'a> {
                 let [i, j, l] = place.cell;
                 let distance = cells.cells[(l * ny + j) * nx + i];
                 if distance > 0 && rising_cell {
-                    // All cells closer than `distance` have this one's sign; the margin is for rounding.
-                    let safe = f32::from(distance - 1) * 0.999 / cells_per_step;
-                    k += (safe as u32).max(1);
+                    // All cells closer than `distance` have this one's sign: the next sample is the first beyond them.
+                    let end = signed.ray.leaves(slowness, place.cell, distance);
+                    k = k.max((end * self.safe_steps_per_length) as u32) + 1;
                     continue;
                 }
                 rising_cell = distance > 0;
