@@ -6,7 +6,7 @@ use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
 
 use crate::Result;
-use crate::boundary::{Role, Tracer, Work};
+use crate::boundary::{Bracketed, Brackets, LANES, Role, Traced, Tracer, Work};
 use crate::progress::Progress;
 use crate::region::Region;
 use crate::simd;
@@ -96,11 +96,12 @@ struct Slice<'a> {
 
 /// Traces the voxels of slice `k` of a region.
 #[inline(always)]
-fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, region: &Region, k: usize, slice: &mut Slice<'_>) -> Totals {
+fn trace_slice<S: Simd>(simd: S, tracer: &Tracer<'_>, region: &Region, k: usize, slice: &mut Slice<'_>) -> Totals {
     let mut totals = Totals::default();
     let (width, [x, y, z]) = (region.dims()[0], region.start);
     let mut voxel = 0;
     let mut flat_before = 0;
+    let (mut brackets, mut waiting) = (Brackets::default(), Vec::with_capacity(LANES));
     while voxel < slice.distance.len() {
         // Where there is nothing, whole runs are passed over at once.
         if voxel >= flat_before {
@@ -112,23 +113,56 @@ fn trace_slice<S: Simd>(_: S, tracer: &Tracer<'_>, region: &Region, k: usize, sl
                 continue;
             }
         }
-        match tracer.role([x + voxel % width, y + voxel / width, z + k], &mut totals.work) {
-            Role::Masked => {
-                slice.distance[voxel] = MASKED;
-                totals.masked += 1;
-            }
-            Role::Miss => {}
-            Role::Hit(hit) => {
-                slice.distance[voxel] = hit.distance;
-                slice.hit_gradient[voxel] = hit.gradient_magnitude;
-                slice.hit_value[voxel] = hit.value;
-                slice.normal[voxel] = encode_normal(hit.normal);
-                totals.hits += 1;
+        match tracer.trace([x + voxel % width, y + voxel / width, z + k], &mut totals.work) {
+            Traced::Role(role) => slice.set(voxel, role, &mut totals),
+            Traced::Bracketed(bracketed) => {
+                brackets.set(waiting.len(), &bracketed.bracket);
+                waiting.push((voxel, bracketed));
+                if waiting.len() == LANES {
+                    slice.set_all(simd, tracer, &brackets, &mut waiting, &mut totals);
+                }
             }
         }
         voxel += 1;
     }
+    slice.set_all(simd, tracer, &brackets, &mut waiting, &mut totals);
     totals
+}
+
+impl Slice<'_> {
+    #[inline(always)]
+    fn set(&mut self, voxel: usize, role: Role, totals: &mut Totals) {
+        match role {
+            Role::Masked => {
+                self.distance[voxel] = MASKED;
+                totals.masked += 1;
+            }
+            Role::Miss => {}
+            Role::Hit(hit) => {
+                self.distance[voxel] = hit.distance;
+                self.hit_gradient[voxel] = hit.gradient_magnitude;
+                self.hit_value[voxel] = hit.value;
+                self.normal[voxel] = encode_normal(hit.normal);
+                totals.hits += 1;
+            }
+        }
+    }
+
+    /// Pins down the boundaries of the voxels that wait for it.
+    #[inline(always)]
+    fn set_all<S: Simd>(
+        &mut self,
+        simd: S,
+        tracer: &Tracer<'_>,
+        brackets: &Brackets,
+        waiting: &mut Vec<(usize, Bracketed)>,
+        totals: &mut Totals,
+    ) {
+        for ((voxel, bracketed), t) in waiting.drain(..).zip(brackets.bisect(simd)) {
+            let role = tracer.role_at(&bracketed, t, &mut totals.work);
+            self.set(voxel, role, totals);
+        }
+    }
 }
 
 #[derive(Clone, Copy, Default)]

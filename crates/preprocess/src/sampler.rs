@@ -71,6 +71,22 @@ impl Sampler {
         Some(Place { cell, fraction: Vec3::from_array(fraction) })
     }
 
+    /// The cell that the ray keeps to between two parameters. `None` where there is more than one, or one that
+    /// [`Self::place`] treats specially: at the end of the volume, or with a NaN at a corner.
+    #[inline(always)]
+    #[must_use]
+    pub fn span(&self, field: &[f32], ray: &Ray, ends: [f32; 2]) -> Option<Span> {
+        // Rounded products and their floors grow with t, so what holds at both ends holds in between.
+        let [begin, end] = ends.map(|t| ray.direction * t);
+        let floor = begin.floor();
+        if floor != end.floor() || floor.cmplt(ray.low).any() || floor.cmpge(ray.high).any() {
+            return None;
+        }
+        let cell = (ray.origin + floor.as_ivec3()).to_array().map(|index| index as usize);
+        let corners = self.corners(field, cell);
+        (!corners.as_array().into_iter().sum::<f32>().is_nan()).then_some(Span { cell: floor, corners })
+    }
+
     /// Trilinear value of `field` at `place`.
     ///
     /// Each interpolation is a sum of two products with weights in 0..=1, so the result has the corners' common sign
@@ -98,11 +114,43 @@ impl Sampler {
     }
 }
 
+/// A cell that a part of a ray keeps to.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// The cell's lowest corner as an offset from the ray's voxel, in voxels. The fraction at parameter t is
+    /// `direction · t − cell`.
+    pub cell: Vec3,
+    /// What the field has at its corners.
+    pub corners: Corners,
+}
+
 /// What a field has at the corners of a cell, indexed (z, y, x).
 #[derive(Clone, Copy, Debug)]
 pub struct Corners([[[f32; 2]; 2]; 2]);
 
 impl Corners {
+    /// From corners with x fastest.
+    #[inline(always)]
+    #[must_use]
+    pub fn from_array([a, b, c, d, e, f, g, h]: [f32; 8]) -> Self {
+        Self([[[a, b], [c, d]], [[e, f], [g, h]]])
+    }
+
+    /// The corners, x fastest.
+    #[inline(always)]
+    #[must_use]
+    pub fn as_array(&self) -> [f32; 8] {
+        let [[[a, b], [c, d]], [[e, f], [g, h]]] = self.0;
+        [a, b, c, d, e, f, g, h]
+    }
+
+    /// The corners of the field times a factor.
+    #[inline(always)]
+    #[must_use]
+    pub fn times(&self, factor: f32) -> Self {
+        Self::from_array(self.as_array().map(|corner| factor * corner))
+    }
+
     /// Trilinear value, see [`Sampler::trilinear`].
     #[inline(always)]
     #[must_use]
@@ -137,6 +185,12 @@ impl Ray {
         planes.retain(|t| (from.min(to)..from.max(to)).contains(t));
         planes.sort_by(|a, b| if from <= to { a.total_cmp(b) } else { b.total_cmp(a) });
         planes
+    }
+
+    /// Voxels per unit of the ray's parameter.
+    #[must_use]
+    pub fn direction(&self) -> Vec3 {
+        self.direction
     }
 
     /// How much the parameter grows per voxel along each axis, infinite across the ray.

@@ -11,11 +11,17 @@ use crate::differentiation::Gradient;
 use crate::directional_derivative::Derivatives;
 use crate::noise_gain::GradientNoise;
 use crate::reconstruction::Smooth;
-use crate::root_finder::{RootFinder, bisect, first_fall_of_cubic, itp};
-use crate::sampler::{Corners, Ray, Sampler};
+use crate::root_finder::{HALVINGS, RootFinder, bisect, first_fall_of_cubic, itp};
+use crate::sampler::{Corners, Ray, Sampler, Span};
 use crate::settings::{Climb, Settings};
 use crate::working_field::{WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
+
+mod brackets;
+
+pub(crate) use brackets::{Brackets, LANES};
+
+use brackets::Bracket;
 
 /// Gradients up to this magnitude are rounding, not data: four units in the last place of the largest value, over L_min.
 ///
@@ -89,6 +95,40 @@ pub struct BoundaryHit {
     pub value: f32,
     /// n at the voxel, in grid axes.
     pub normal: Vec3,
+}
+
+/// What tracing a voxel came to.
+pub(crate) enum Traced {
+    /// All is known.
+    Role(Role),
+    /// The boundary's place is still to be pinned down.
+    Bracketed(Bracketed),
+}
+
+/// A voxel with a boundary somewhere within a bracket.
+pub(crate) struct Bracketed {
+    pub(crate) bracket: Bracket,
+    /// 1 where the bracket lies on `up`, −1 where on the opposite ray.
+    side: f32,
+    up: Ray,
+    normal: Vec3,
+}
+
+/// Where along a ray f'' changes its sign.
+enum Crossing {
+    Nowhere,
+    At(f32),
+    Within(Bracket),
+}
+
+impl Crossing {
+    fn place(&self) -> Option<f32> {
+        match self {
+            Self::Nowhere => None,
+            Self::At(t) => Some(*t),
+            Self::Within(bracket) => Some(bracket.bisect()),
+        }
+    }
 }
 
 /// How much was done for a set of voxels; the same for any number of threads.
@@ -199,32 +239,47 @@ impl<'a> Tracer<'a> {
     }
 
     /// The role of one voxel.
-    #[inline(always)]
     pub fn role(&self, voxel: [usize; 3], work: &mut Work) -> Role {
+        match self.trace(voxel, work) {
+            Traced::Role(role) => role,
+            Traced::Bracketed(bracketed) => self.role_at(&bracketed, bracketed.bracket.bisect(), work),
+        }
+    }
+
+    /// The role of a voxel whose boundary was pinned down at parameter `t` of its bracket.
+    #[inline(always)]
+    pub(crate) fn role_at(&self, Bracketed { side, up, normal, .. }: &Bracketed, t: f32, work: &mut Work) -> Role {
+        self.hit(up, side * t, *normal, work).map_or(Role::Miss, Role::Hit)
+    }
+
+    /// The role of one voxel, or where it has to be looked for.
+    #[inline(always)]
+    pub(crate) fn trace(&self, voxel: [usize; 3], work: &mut Work) -> Traced {
         let index = (voxel[2] * self.dims[1] + voxel[1]) * self.dims[0] + voxel[0];
         let second = self.second_derivative[index];
         if second.is_nan() {
-            return Role::Masked;
+            return Traced::Role(Role::Masked);
         }
         let is_steep = self.gradient_magnitude[index] > self.floor.at(voxel);
         let gradient = if is_steep { self.gradient.at(voxel) } else { Vec3::ZERO };
         let magnitude = gradient.length();
         if magnitude <= GRADIENT_FLOOR {
             work.flat += 1;
-            return Role::Miss;
+            return Traced::Role(Role::Miss);
         }
         let normal = gradient / magnitude;
         let up = SignedRay { ray: self.sampler.ray(voxel, normal * self.index_from_length), sign: 1.0 };
         let down = SignedRay { ray: up.ray.reversed(), sign: -1.0 };
         let before = work.samples;
-        let crossing = match self.climb {
-            Climb::Literal => self.literal(up, down, index, work),
+        let (crossing, side) = match self.climb {
+            Climb::Literal => (self.literal(up, down, index, work).map_or(Crossing::Nowhere, Crossing::At), 1.0),
             Climb::Release => self.release(up, down, second, work),
         };
         *(if work.samples > before { &mut work.traced } else { &mut work.skipped }) += 1;
         match crossing {
-            Some(t) => self.hit(&up.ray, t, normal, work).map_or(Role::Miss, Role::Hit),
-            None => Role::Miss,
+            Crossing::Nowhere => Traced::Role(Role::Miss),
+            Crossing::At(t) => Traced::Role(self.hit(&up.ray, side * t, normal, work).map_or(Role::Miss, Role::Hit)),
+            Crossing::Within(bracket) => Traced::Bracketed(Bracketed { bracket, side, up: up.ray, normal }),
         }
     }
 
@@ -233,21 +288,26 @@ impl<'a> Tracer<'a> {
     /// Departs from the paper's wording, which stops a ray whose own samples of g fall: trilinear interpolation of a
     /// concave g lies below the grid's values, so near the maximum both rays seem to fall at once, and a fifth of the
     /// boundary's voxels would be lost. Which ray rises is read off f'' at the voxel itself, the derivative of g along n.
+    ///
+    /// Returns the crossing and the sign of its parameter on `up`.
     #[inline(always)]
-    fn release(&self, up: SignedRay, down: SignedRay, second: f32, work: &mut Work) -> Option<f32> {
-        if second > 0.0 {
-            return self.climb_from(up, 0, work);
+    fn release(&self, up: SignedRay, down: SignedRay, second: f32, work: &mut Work) -> (Crossing, f32) {
+        if second != 0.0 {
+            let ray = if second > 0.0 { up } else { down };
+            return (self.climb_from(ray, 0, work), ray.sign);
         }
-        if second < 0.0 {
-            return self.climb_from(down, 0, work).map(|t| -t);
-        }
+        (self.from_plateau(up, down, work).map_or(Crossing::Nowhere, Crossing::At), 1.0)
+    }
+
+    /// Where the nearer of the two rays hits that start on a plateau of f''.
+    fn from_plateau(&self, up: SignedRay, down: SignedRay, work: &mut Work) -> Option<f32> {
         // f'' is exactly 0: on a plateau of f'', a maximum of g or a minimum.
         let (first_up, first_down) = (self.leave_plateau(up, work), self.leave_plateau(down, work));
         match (first_up, first_down) {
             (Some((_, Rise::Falls(end))), Some((_, Rise::Falls(start)))) => Some(0.5 * (end - start)),
             _ => {
                 let climbed = |first: Option<(u32, Rise)>, ray: SignedRay, work: &mut Work| match first {
-                    Some((k, Rise::Rises)) => self.climb_from(ray, k, work),
+                    Some((k, Rise::Rises)) => self.climb_from(ray, k, work).place(),
                     _ => None,
                 };
                 let above = climbed(first_up, up, work);
@@ -274,14 +334,14 @@ impl<'a> Tracer<'a> {
 
     /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
     #[inline(always)]
-    fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Option<f32> {
+    fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Crossing {
         let slowness = signed.ray.slowness();
         let mut k = start + 1;
         // Whether the sample before lies in a cell that is known to have q > 0 throughout. The voxel itself is a corner
         // of the first sample's cell.
         let mut rising_cell = start == 0;
         while k <= self.last_step {
-            let place = self.sampler.place(&signed.ray, self.t(k))?;
+            let Some(place) = self.sampler.place(&signed.ray, self.t(k)) else { return Crossing::Nowhere };
             if let Some(cells) = self.cells {
                 let [nx, ny, _] = cells.dims;
                 let [i, j, l] = place.cell;
@@ -300,22 +360,25 @@ impl<'a> Tracer<'a> {
                 return self.refine(signed, start, k, work);
             }
             if q.is_nan() {
-                return None;
+                return Crossing::Nowhere;
             }
             k += 1;
         }
-        None
+        Crossing::Nowhere
     }
 
     /// Refines a crossing seen between samples `start`, where q is positive, and `k`, where it is negative. If q is 0 in
     /// between, the crossing is the middle of that plateau. `None` when a masked voxel lies in between: then what
     /// changes the sign is unknown.
     #[inline(always)]
-    fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> Option<f32> {
+    fn refine(&self, signed: SignedRay, start: u32, k: u32, work: &mut Work) -> Crossing {
         let mut probe = Probe { tracer: self, signed, cell: None, known: true, work };
         let mut last_positive = k - 1;
         while last_positive > start && probe.rise(self.t(last_positive)) <= 0.0 {
             last_positive -= 1;
+        }
+        if probe.known && self.smooth.is_none() && self.root_finder == RootFinder::Bisection && last_positive + 1 == k {
+            return self.bracket([self.t(last_positive), self.t(k)], probe);
         }
         let begin = self.fall([self.t(last_positive), self.t(last_positive + 1)], &mut probe);
         let crossing = if last_positive + 1 == k {
@@ -323,7 +386,27 @@ impl<'a> Tracer<'a> {
         } else {
             0.5 * (begin + bisect(self.t(k - 1), self.t(k), |t| probe.rise(t) >= 0.0))
         };
-        probe.known.then_some(crossing)
+        if probe.known { Crossing::At(crossing) } else { Crossing::Nowhere }
+    }
+
+    /// Bisects until the bracket lies in one cell.
+    #[inline(always)]
+    fn bracket(&self, mut ends: [f32; 2], mut probe: Probe<'_, 'a>) -> Crossing {
+        let SignedRay { ray, sign } = probe.signed;
+        for done in 0..HALVINGS {
+            if let Some(span) = self.sampler.span(self.second_derivative, &ray, ends) {
+                let halvings = HALVINGS - done;
+                probe.work.evaluations += u64::from(halvings);
+                let span = Span { corners: span.corners.times(sign), ..span };
+                return Crossing::Within(Bracket { span, direction: ray.direction(), ends, halvings });
+            }
+            let middle = 0.5 * (ends[0] + ends[1]);
+            ends[usize::from(probe.rise(middle) <= 0.0)] = middle;
+            if !probe.known {
+                return Crossing::Nowhere;
+            }
+        }
+        Crossing::At(0.5 * (ends[0] + ends[1]))
     }
 
     /// The paper's rule as printed: both rays go on step by step; one whose g has fallen is stopped, and the other goes on
@@ -369,7 +452,7 @@ impl<'a> Tracer<'a> {
         if q < 0.0
             && let Some(start) = ray.positive_at
         {
-            let crossing = self.refine(ray.signed, start, k, work);
+            let crossing = self.refine(ray.signed, start, k, work).place();
             ray.alive = crossing.is_some();
             return crossing;
         }
