@@ -67,8 +67,7 @@ impl Packer {
         }
         let encoding = match sparse {
             Some(Sparse { mask, .. }) => {
-                let mut kept = Vec::with_capacity(mask::count(mask));
-                mask::for_each_one(mask, |place| kept.push(values[place]));
+                let kept = mask::gather(mask, values);
                 shuffle(&kept, &mut self.planes);
                 Encoding::SparseZstd
             }
@@ -137,14 +136,14 @@ impl Unpacker {
             }
             Encoding::Zstd => {
                 self.decompress(encoding, stored, len * T::SIZE)?;
-                join_planes(&self.planes, len, |number| number, values);
+                join_planes(&self.planes, len, values);
             }
             Encoding::DeltaZstd => {
                 self.decompress(encoding, stored, len * T::SIZE)?;
                 join_differences(&self.planes, len, values);
             }
             Encoding::SparseZstd => {
-                let Some(Sparse { mask, fill }) = sparse.filter(|sparse| sparse.mask.len() == len.div_ceil(8)) else {
+                let Some(Sparse { mask, fill }) = sparse.filter(|sparse| mask::is_sound(sparse.mask, len)) else {
                     return Err(Error::Format("sparse data where there is no mask".into()));
                 };
                 let kept = mask::count(mask);
@@ -152,12 +151,7 @@ impl Unpacker {
                 let mut numbers = Vec::with_capacity(kept);
                 join_differences(&self.planes, kept, &mut numbers);
                 values.resize(len, fill);
-                let mut numbers = numbers.into_iter();
-                mask::for_each_one(mask, |place| {
-                    if let (Some(value), Some(number)) = (values.get_mut(place), numbers.next()) {
-                        *value = number;
-                    }
-                });
+                mask::scatter(mask, &numbers, values);
             }
         }
         Ok(())
@@ -202,32 +196,29 @@ fn shuffle<T: LittleEndian>(values: &[T], planes: &mut Vec<u8>) {
     }
 }
 
+/// Appends `count` numbers, from their differences where the type has them. The sums, for which each number waits, come last.
 fn join_differences<T: LittleEndian>(planes: &[u8], count: usize, values: &mut Vec<T>) {
-    let mut previous = T::default();
-    join_planes(
-        planes,
-        count,
-        |number: T| {
-            if T::HAS_DIFFERENCES {
-                previous = number.following(previous);
-                return previous;
-            }
-            number
-        },
-        values,
-    );
+    let start = values.len();
+    join_planes(planes, count, values);
+    if T::HAS_DIFFERENCES {
+        let mut previous = T::default();
+        for value in &mut values[start..] {
+            previous = value.following(previous);
+            *value = previous;
+        }
+    }
 }
 
-/// Appends `count` numbers, each put together from its bytes and then mapped.
-fn join_planes<T: LittleEndian>(planes: &[u8], count: usize, mut map: impl FnMut(T) -> T, values: &mut Vec<T>) {
+/// Appends `count` numbers, each put together from its bytes.
+fn join_planes<T: LittleEndian>(planes: &[u8], count: usize, values: &mut Vec<T>) {
     let plane = |index: usize| &planes[index * count..(index + 1) * count];
     match T::SIZE {
-        1 => values.extend(plane(0).iter().map(|&byte| map(T::from_le(&[byte])))),
-        2 => values.extend(plane(0).iter().zip(plane(1)).map(|(&low, &high)| map(T::from_le(&[low, high])))),
+        1 => values.extend(plane(0).iter().map(|&byte| T::from_le(&[byte]))),
+        2 => values.extend(plane(0).iter().zip(plane(1)).map(|(&low, &high)| T::from_le(&[low, high]))),
         _ => values.extend((0..count).map(|at| {
             let mut bytes = [0; 8];
             (0..T::SIZE).for_each(|index| bytes[index] = planes[index * count + at]);
-            map(T::from_le(&bytes[..T::SIZE]))
+            T::from_le(&bytes[..T::SIZE])
         })),
     }
 }

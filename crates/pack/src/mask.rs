@@ -13,20 +13,54 @@ pub fn of<T: Copy>(values: &[T], is_set: impl Fn(T) -> bool) -> Vec<u8> {
 /// How many bits are set.
 #[must_use]
 pub fn count(mask: &[u8]) -> usize {
-    mask.iter().map(|byte| byte.count_ones() as usize).sum()
+    words(mask).map(|word| word.count_ones() as usize).sum()
 }
 
-/// Visits the places of the bits that are set, in rising order.
-pub fn for_each_one(mask: &[u8], mut visit: impl FnMut(usize)) {
-    for (index, bytes) in mask.chunks(8).enumerate() {
-        let mut word = [0; 8];
-        word[..bytes.len()].copy_from_slice(bytes);
-        let mut rest = u64::from_le_bytes(word);
-        while rest != 0 {
-            visit(64 * index + rest.trailing_zeros() as usize);
-            rest &= rest - 1;
+/// The numbers whose bits are set.
+#[must_use]
+pub fn gather<T: Copy>(mask: &[u8], values: &[T]) -> Vec<T> {
+    let mut numbers = Vec::with_capacity(count(mask));
+    for (values, word) in values.chunks(RUN).zip(words(mask)) {
+        if word == u64::MAX {
+            numbers.extend_from_slice(values);
+        } else {
+            numbers.extend(places(word).map(|place| values[place]));
         }
     }
+    numbers
+}
+
+/// Puts as many numbers as bits are set where they are set; the inverse of [`gather`].
+pub fn scatter<T: Copy>(mask: &[u8], mut numbers: &[T], values: &mut [T]) {
+    for (values, word) in values.chunks_mut(RUN).zip(words(mask)) {
+        let (here, rest) = numbers.split_at(word.count_ones() as usize);
+        numbers = rest;
+        if word == u64::MAX {
+            values.copy_from_slice(here);
+        } else {
+            places(word).zip(here).for_each(|(place, &number)| values[place] = number);
+        }
+    }
+}
+
+/// Voxels of a word.
+const RUN: usize = u64::BITS as usize;
+
+fn words(mask: &[u8]) -> impl Iterator<Item = u64> {
+    mask.chunks(size_of::<u64>()).map(|bytes| {
+        let mut word = [0; size_of::<u64>()];
+        word[..bytes.len()].copy_from_slice(bytes);
+        u64::from_le_bytes(word)
+    })
+}
+
+/// The places of the bits that are set, in rising order.
+fn places(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (word != 0).then(|| word.trailing_zeros() as usize);
+        word &= word.wrapping_sub(1);
+        place
+    })
 }
 
 /// Whether no bit behind the last of `len` voxels is set, in a mask that has as many bytes as they need.
@@ -48,9 +82,12 @@ mod tests {
             let places: Vec<usize> = (0..flags.len()).filter(|&place| flags[place]).collect();
             prop_assert_eq!(count(&mask), places.len());
             prop_assert!(is_sound(&mask, flags.len()));
-            let mut found = Vec::new();
-            for_each_one(&mask, |place| found.push(place));
-            prop_assert_eq!(found, places);
+            let all: Vec<usize> = (0..flags.len()).collect();
+            prop_assert_eq!(&gather(&mask, &all), &places);
+            let mut found = vec![usize::MAX; flags.len()];
+            scatter(&mask, &places, &mut found);
+            let expected: Vec<usize> = all.iter().map(|&place| if flags[place] { place } else { usize::MAX }).collect();
+            prop_assert_eq!(found, expected);
         }
     }
 
