@@ -69,6 +69,14 @@ peers-second-reader:
     cargo build --release --bin voxrole
     python3 tests/peers/second_reader.py target/release/voxrole
 
+# Sizes and speeds of codecs and of the stages before them, on packed files (numpy, zstandard and lz4).
+peers-codecs +FILES:
+    python3 tests/peers/codecs.py {{FILES}}
+
+# Damaged files for each reader, for so many seconds each (a nightly compiler, and cargo-fuzz: `cargo install cargo-fuzz`).
+fuzz SECONDS *TARGETS:
+    tests/fuzz/run.sh {{SECONDS}} {{TARGETS}}
+
 # Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
 bench OUT:
     cargo build --release --no-default-features --bin voxrole

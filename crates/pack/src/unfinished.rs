@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::compression::{Packer, Unpacker};
 use crate::directory::Extent;
 use crate::packed_brick::PackedBrick;
+use crate::prologue::checksum_fits;
 use crate::value_range::ValueRange;
 use crate::{Error, Result, atomic_file, codec};
 
@@ -24,7 +25,7 @@ use crate::{Error, Result, atomic_file, codec};
 const MAGIC: [u8; 8] = *b"VXRPART2";
 /// The mark, both fingerprints, and the numbers' count and CRC-32.
 const HEAD_BYTES: usize = 80;
-/// Most numbers that are kept of an input.
+/// Most numbers that are kept of an input or a block.
 const MOST_NUMBERS: usize = 1 << 24;
 /// Most bytes of a record's table.
 const MAX_TABLE_BYTES: usize = 1 << 26;
@@ -320,7 +321,7 @@ impl Unfinished {
         file.seek(SeekFrom::Start(extent.offset))
             .and_then(|_| file.read_exact(&mut bytes))
             .map_err(Error::io(format!("reading {}", self.claim.path.display())))?;
-        if crc32fast::hash(&bytes) != extent.crc32 {
+        if !checksum_fits(extent.crc32, crc32fast::hash(&bytes)) {
             let message = format!("{} was damaged while it was used; delete it", self.claim.path.display());
             return Err(Error::Format(message));
         }
@@ -359,7 +360,7 @@ fn read_head(file: &mut File, length: u64) -> std::io::Result<Option<Head>> {
     }
     let mut bytes = vec![0; 8 * count];
     file.read_exact(&mut bytes)?;
-    if crc32fast::hash(&bytes) != crc32 {
+    if !checksum_fits(crc32, crc32fast::hash(&bytes)) {
         return Ok(None);
     }
     let part = |at: usize| std::array::from_fn(|index| start[at + index]);
@@ -394,10 +395,13 @@ fn read_record(reader: &mut impl Read, position: u64, length: u64) -> std::io::R
     }
     let mut table = vec![0; bytes as usize];
     reader.read_exact(&mut table)?;
-    if crc32fast::hash(&table) != crc32 {
+    if !checksum_fits(crc32, crc32fast::hash(&table)) {
         return Ok(None);
     }
     let Ok(record) = codec::decode::<Record, MAX_TABLE_BYTES>(&table, "a block's table") else { return Ok(None) };
+    if record.count as usize > MOST_NUMBERS {
+        return Ok(None);
+    }
     let bricks = record.layers.iter().flatten().map(|entry| entry.extent);
     let mut stored = Vec::new();
     for extent in bricks.chain([record.numbers]) {
@@ -406,7 +410,7 @@ fn read_record(reader: &mut impl Read, position: u64, length: u64) -> std::io::R
         }
         stored.resize(extent.stored_bytes as usize, 0);
         reader.read_exact(&mut stored)?;
-        if crc32fast::hash(&stored) != extent.crc32 {
+        if !checksum_fits(extent.crc32, crc32fast::hash(&stored)) {
             return Ok(None);
         }
         offset += u64::from(extent.stored_bytes);
