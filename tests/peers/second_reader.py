@@ -265,7 +265,7 @@ def check_exports(program, path, file):
             theirs = program.export(path, kind)
         else:
             ours, theirs = physical, program.export(path, kind)
-        agree(same_floats(ours.astype(numpy.float32), theirs), f"{kind} is not what `export` says")
+        agree(same_floats(ours.astype(theirs.dtype), theirs), f"{kind} is not what `export` says")
     roles, distance = program.export(path, "role"), file.physical("distance")
     agree(((roles == -1) == file.masked()).all(), "masked voxels by role")
     agree(((roles == 0) == (~file.mask() & ~file.masked())).all(), "voxels without a boundary by role")

@@ -86,6 +86,14 @@ def frame(content, **options):
     return zstandard.ZstdCompressor(level=3, **options).compress(content)
 
 
+def frames(numbers, **options):
+    """Each byte plane of the numbers in a frame of its own."""
+    content = planes(numbers)
+    return b"".join(
+        frame(content[index * len(numbers) : (index + 1) * len(numbers)], **options) for index in range(numbers.itemsize)
+    )
+
+
 class Piece:
     """One entry of the directory with its stored bytes and the numbers that they mean."""
 
@@ -113,13 +121,13 @@ class Piece:
         self.store(vxr_reader.RAW, self.numbers.tobytes())
 
     def store_zstd(self, **options):
-        self.store(vxr_reader.ZSTD, frame(planes(self.numbers), **options))
+        self.store(vxr_reader.ZSTD, frames(self.numbers, **options))
 
     def store_differences(self):
-        self.store(vxr_reader.DIFFERENCES, frame(planes(differences(self.numbers))))
+        self.store(vxr_reader.DIFFERENCES, frames(differences(self.numbers)))
 
     def store_sparse(self):
-        self.store(vxr_reader.SPARSE, frame(planes(differences(self.numbers[self.bits]))))
+        self.store(vxr_reader.SPARSE, frames(differences(self.numbers[self.bits])))
 
     def store_constant(self, constant):
         self.store(vxr_reader.CONSTANT, b"")
@@ -417,15 +425,16 @@ def data_edits():
     yield "raw too short", store(value, vxr_reader.RAW, lambda piece: piece.numbers.tobytes()[1:])
     yield "raw of no bytes", store(value, vxr_reader.RAW, lambda piece: b"")
     for encoding in [vxr_reader.ZSTD, vxr_reader.DIFFERENCES]:
-        yield f"encoding {encoding} too long", store(value, encoding, lambda piece: frame(planes(piece.numbers) + b"\0"))
-        yield f"encoding {encoding} too short", store(value, encoding, lambda piece: frame(planes(piece.numbers)[1:]))
+        yield f"encoding {encoding} too long", store(value, encoding, lambda piece: frames(numpy.append(piece.numbers, piece.numbers[:1])))
+        yield f"encoding {encoding} too short", store(value, encoding, lambda piece: frames(piece.numbers[1:]))
         yield f"encoding {encoding} of 64 MiB", store(value, encoding, lambda piece: frame(bytes(1 << 26)))
         yield f"encoding {encoding} without a frame", store(value, encoding, lambda piece: planes(piece.numbers))
-        yield f"encoding {encoding} cut", store(value, encoding, lambda piece: frame(planes(piece.numbers))[:-1])
-        yield f"encoding {encoding} and a byte", store(value, encoding, lambda piece: frame(planes(piece.numbers)) + b"\0")
+        yield f"encoding {encoding} cut", store(value, encoding, lambda piece: frames(piece.numbers)[:-1])
+        yield f"encoding {encoding} and a byte", store(value, encoding, lambda piece: frames(piece.numbers) + b"\0")
+        yield f"encoding {encoding} and a frame", store(value, encoding, lambda piece: frames(piece.numbers) + frame(b""))
     yield "sparse value", lambda parts: parts.piece(*value).store_sparse()
     yield "sparse mask", store(mask, vxr_reader.SPARSE, lambda piece: frame(piece.numbers.tobytes()))
-    yield "sparse histogram", store(("histogram", "v-g"), vxr_reader.SPARSE, lambda piece: frame(planes(piece.numbers)))
+    yield "sparse histogram", store(("histogram", "v-g"), vxr_reader.SPARSE, lambda piece: frames(piece.numbers))
     yield "sparse without a mask", without_mask
     yield "sparse with another mask", lambda parts: parts.piece(*mask).store_constant(bytes(8))
     yield "bits behind the mask's last voxel", whole_mask_behind

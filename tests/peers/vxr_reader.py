@@ -313,26 +313,33 @@ def read_entry(data):
     return Entry(offset, length, crc, (low, high), encoding, data[:8])
 
 
-def unpack_frame(frame, expected):
-    """The content of one zstd frame, which must be so many bytes; stops soon after it has got more."""
-    require(frame[:4] == ZSTD_MAGIC, "no zstd frame")
+def unpack_frame(stored, expected):
+    """The content of the zstd frame in front, which must be so many bytes, and what is behind it; stops soon after it has got
+    more."""
+    require(stored[:4] == ZSTD_MAGIC, "no zstd frame")
     decompressor = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).decompressobj()
-    parts, length = [], 0
+    parts, length, at = [], 0, 0
     try:
-        for at in range(0, len(frame), FRAME_STEP):
-            require(not decompressor.eof, "bytes behind a zstd frame")
-            parts.append(decompressor.decompress(frame[at : at + FRAME_STEP]))
+        while not decompressor.eof and at < len(stored):
+            parts.append(decompressor.decompress(stored[at : at + FRAME_STEP]))
+            at += FRAME_STEP
             length += len(parts[-1])
             require(length <= expected, "data unpack to another length")
     except zstandard.ZstdError as error:
         raise Refused(f"a zstd frame is damaged: {error}") from None
-    require(decompressor.eof and not decompressor.unused_data, "not one whole zstd frame")
+    require(decompressor.eof, "not a whole zstd frame")
     require(length == expected, "data unpack to another length")
-    return b"".join(parts)
+    return b"".join(parts), decompressor.unused_data + stored[at:]
 
 
-def join_planes(planes, scalar):
-    matrix = numpy.frombuffer(planes, numpy.uint8).reshape(scalar.itemsize, -1)
+def unpack_planes(stored, scalar, count):
+    """Numbers whose byte planes are a frame each."""
+    planes = []
+    for _ in range(scalar.itemsize):
+        plane, stored = unpack_frame(stored, count)
+        planes.append(plane)
+    require(not stored, "bytes behind the zstd frames")
+    matrix = numpy.frombuffer(b"".join(planes), numpy.uint8).reshape(scalar.itemsize, -1)
     return numpy.ascontiguousarray(matrix.T).reshape(-1).view(scalar)
 
 
@@ -356,7 +363,7 @@ def unpack_numbers(entry, stored, scalar, count):
     if entry.encoding == RAW:
         require(len(stored) == count * scalar.itemsize, "data have another length")
         return numpy.frombuffer(stored, scalar)
-    numbers = join_planes(unpack_frame(stored, count * scalar.itemsize), scalar)
+    numbers = unpack_planes(stored, scalar, count)
     return numbers if entry.encoding == ZSTD else undo_differences(numbers)
 
 
@@ -365,8 +372,7 @@ def unpack_sparse(entry, stored, layer, bits):
     none = layer.none()
     require(none is not None, f"the layer {layer.kind} is never sparse")
     numbers = numpy.full(len(bits), none, layer.scalar)
-    packed = unpack_frame(stored, int(bits.sum()) * layer.scalar.itemsize)
-    numbers[bits] = undo_differences(join_planes(packed, layer.scalar))
+    numbers[bits] = undo_differences(unpack_planes(stored, layer.scalar, int(bits.sum())))
     return numbers
 
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use zstd::bulk::{Compressor, Decompressor};
-use zstd::zstd_safe::compress_bound;
+use zstd::zstd_safe::{compress_bound, find_frame_compressed_size, get_error_name};
 
 use crate::mask;
 use crate::scalar::LittleEndian;
@@ -15,7 +15,7 @@ pub enum Encoding {
     Constant,
     /// Little-endian numbers as they are.
     Raw,
-    /// Byte planes (all first bytes, then all second bytes, …) in one zstd frame.
+    /// Byte planes (all first bytes, then all second bytes, …), each in a zstd frame of its own: their bytes are not alike.
     Zstd,
     /// The same of each number's difference from the one before it; the first's is from 0.
     DeltaZstd,
@@ -44,14 +44,14 @@ pub struct Sparse<'m, T> {
 pub struct Packer {
     compressor: Compressor<'static>,
     planes: Vec<u8>,
-    packed: Vec<u8>,
+    frame: Vec<u8>,
 }
 
 impl Packer {
     /// Prepares for packing.
     pub fn new() -> Result<Self> {
         let compressor = Compressor::new(ZSTD_LEVEL).map_err(Error::io("setting up zstd"))?;
-        Ok(Self { compressor, planes: Vec::new(), packed: Vec::new() })
+        Ok(Self { compressor, planes: Vec::new(), frame: Vec::new() })
     }
 
     /// Packs numbers by whichever encoding is smallest; those outside of the mask must be its fill.
@@ -76,15 +76,18 @@ impl Packer {
                 if T::HAS_DIFFERENCES { Encoding::DeltaZstd } else { Encoding::Zstd }
             }
         };
-        self.packed.clear();
-        self.packed.reserve(compress_bound(self.planes.len()));
-        let length = self
-            .compressor
-            .compress_to_buffer(&self.planes, &mut self.packed)
-            .map_err(Error::io("compressing a brick with zstd"))?;
-        if length < size_of_val(values) {
-            return Ok((encoding, self.packed[..length].to_vec()));
+        for plane in self.planes.chunks_exact(self.planes.len() / T::SIZE) {
+            self.frame.clear();
+            self.frame.reserve(compress_bound(plane.len()));
+            self.compressor
+                .compress_to_buffer(plane, &mut self.frame)
+                .map_err(Error::io("compressing a brick with zstd"))?;
+            bytes.extend_from_slice(&self.frame);
         }
+        if bytes.len() < size_of_val(values) {
+            return Ok((encoding, bytes));
+        }
+        bytes.clear();
         T::append_le(values, &mut bytes);
         Ok((Encoding::Raw, bytes))
     }
@@ -135,11 +138,11 @@ impl Unpacker {
                 values.extend(stored.chunks_exact(T::SIZE).map(T::from_le));
             }
             Encoding::Zstd => {
-                self.decompress(encoding, stored, len * T::SIZE)?;
+                self.decompress(encoding, stored, T::SIZE, len)?;
                 join_planes(&self.planes, len, values);
             }
             Encoding::DeltaZstd => {
-                self.decompress(encoding, stored, len * T::SIZE)?;
+                self.decompress(encoding, stored, T::SIZE, len)?;
                 join_differences(&self.planes, len, values);
             }
             Encoding::SparseZstd => {
@@ -147,7 +150,7 @@ impl Unpacker {
                     return Err(Error::Format("sparse data where there is no mask".into()));
                 };
                 let kept = mask::count(mask);
-                self.decompress(encoding, stored, kept * T::SIZE)?;
+                self.decompress(encoding, stored, T::SIZE, kept)?;
                 let mut numbers = Vec::with_capacity(kept);
                 join_differences(&self.planes, kept, &mut numbers);
                 values.resize(len, fill);
@@ -157,15 +160,20 @@ impl Unpacker {
         Ok(())
     }
 
-    fn decompress(&mut self, encoding: Encoding, stored: &[u8], expected: usize) -> Result<()> {
-        self.planes.clear();
-        self.planes.reserve(expected);
-        // One byte more would be told from none missing only by the frame's own length, which is hostile as well.
-        let found = self
-            .decompressor
-            .decompress_to_buffer(stored, &mut self.planes)
-            .map_err(|error| Error::Format(format!("zstd data is damaged: {error}")))?;
-        expect(encoding, found, expected)
+    /// Unpacks as many planes of `len` bytes.
+    fn decompress(&mut self, encoding: Encoding, mut stored: &[u8], planes: usize, len: usize) -> Result<()> {
+        let damaged = |error: &str| Error::Format(format!("zstd data is damaged: {error}"));
+        self.planes.resize(planes * len, 0);
+        for index in 0..planes {
+            let frame = find_frame_compressed_size(stored).map_err(|code| damaged(get_error_name(code)))?;
+            let (frame, rest) = stored.split_at(frame);
+            stored = rest;
+            let plane = &mut self.planes[index * len..(index + 1) * len];
+            let found =
+                self.decompressor.decompress_to_buffer(frame, plane).map_err(|error| damaged(&error.to_string()))?;
+            expect(encoding, found, len)?;
+        }
+        if stored.is_empty() { Ok(()) } else { Err(damaged("it goes on behind its last frame")) }
     }
 }
 
