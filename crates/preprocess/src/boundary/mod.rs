@@ -296,11 +296,11 @@ impl<'a> Tracer<'a> {
             let ray = if second > 0.0 { up } else { down };
             return (self.climb_from(ray, 0, work), ray.sign);
         }
-        (self.from_plateau(up, down, work).map_or(Crossing::Nowhere, Crossing::At), 1.0)
+        (self.off_plateau(up, down, work).map_or(Crossing::Nowhere, Crossing::At), 1.0)
     }
 
     /// Where the nearer of the two rays hits that start on a plateau of f''.
-    fn from_plateau(&self, up: SignedRay, down: SignedRay, work: &mut Work) -> Option<f32> {
+    fn off_plateau(&self, up: SignedRay, down: SignedRay, work: &mut Work) -> Option<f32> {
         // f'' is exactly 0: on a plateau of f'', a maximum of g or a minimum.
         let (first_up, first_down) = (self.leave_plateau(up, work), self.leave_plateau(down, work));
         match (first_up, first_down) {
@@ -349,7 +349,7 @@ impl<'a> Tracer<'a> {
                 if distance > 0 && rising_cell {
                     // All cells closer than `distance` have this one's sign: the next sample is the first beyond them.
                     let end = signed.ray.leaves(slowness, place.cell, distance);
-                    k = k.max((end * self.safe_steps_per_length) as u32) + 1;
+                    k = k.max((end * self.safe_steps_per_length) as u32).saturating_add(1);
                     continue;
                 }
                 rising_cell = distance > 0;
