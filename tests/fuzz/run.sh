@@ -12,7 +12,12 @@ cargo +nightly fuzz build --fuzz-dir . --sanitizer none
 echo "| target | runs | runs a second | edges covered | corpus | peak memory, MB |"
 echo "|---|---|---|---|---|---|"
 for target in "${targets[@]}"; do
-  mkdir -p "corpus/$target"
+  mkdir -p "corpus/$target" "seeds/$target"
+  case $target in
+    packed_file) cp ../../crates/pack/tests/data/*.vxr "corpus/$target" ;;
+    tiff) cp ../../crates/preprocess/tests/readers/data/*.tif "corpus/$target" ;;
+    vti) cp ../../crates/preprocess/tests/readers/data/*.vti "corpus/$target" ;;
+  esac
   log=$(mktemp)
   cargo +nightly fuzz run --fuzz-dir . --sanitizer none "$target" "corpus/$target" "seeds/$target" -- \
     -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 -max_len=65536 -print_final_stats=1 > "$log" 2>&1 || {

@@ -9,7 +9,6 @@ use glam::Vec3;
 
 use crate::differentiation::Gradient;
 use crate::directional_derivative::Derivatives;
-use crate::noise_gain::GradientNoise;
 use crate::reconstruction::Smooth;
 use crate::root_finder::{HALVINGS, RootFinder, bisect, first_fall_of_cubic, itp};
 use crate::sampler::{Corners, Ray, Sampler, Span};
@@ -18,53 +17,12 @@ use crate::working_field::{WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
 
 mod brackets;
+mod floor;
 
 pub(crate) use brackets::{Brackets, LANES};
+pub use floor::{GRADIENT_FLOOR, GradientFloor};
 
 use brackets::Bracket;
-
-/// Gradients up to this magnitude are rounding, not data: four units in the last place of the largest value, over L_min.
-///
-/// Working values are at most 1, so the threshold is relative to the data.
-pub const GRADIENT_FLOOR: f32 = 4.0 / (1 << 24) as f32;
-
-/// The gradient magnitude that a boundary must have.
-#[derive(Clone, Debug)]
-pub struct GradientFloor {
-    noise: Option<(GradientNoise, f32)>,
-    /// Where in the volume the fields begin.
-    origin: [usize; 3],
-}
-
-impl GradientFloor {
-    /// [`GRADIENT_FLOOR`] everywhere.
-    pub const ROUNDING: Self = Self { noise: None, origin: [0; 3] };
-
-    /// So many deviations of the gradient's noise at each voxel, and [`GRADIENT_FLOOR`] at least.
-    #[must_use]
-    pub fn new(noise: GradientNoise, deviations: f32) -> Self {
-        Self { noise: (deviations > 0.0).then_some((noise, deviations)), origin: [0; 3] }
-    }
-
-    /// The same for fields that begin at a voxel of the volume.
-    #[must_use]
-    pub fn from_voxel(&self, origin: [usize; 3]) -> Self {
-        Self { noise: self.noise.clone(), origin }
-    }
-
-    /// The smallest that it is anywhere.
-    fn least(&self) -> f32 {
-        let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
-        (deviations * noise.least()).max(GRADIENT_FLOOR)
-    }
-
-    #[inline]
-    fn at(&self, voxel: [usize; 3]) -> f32 {
-        let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
-        let [x, y, z] = self.origin;
-        (deviations * noise.at([x + voxel[0], y + voxel[1], z + voxel[2]])).max(GRADIENT_FLOOR)
-    }
-}
 
 /// With steps above this share of L_min a ray could jump over a corner of a mixed cell unseen, so nothing is leapt over.
 const LARGEST_LEAPING_STEP: f32 = 0.9;
@@ -348,6 +306,7 @@ impl<'a> Tracer<'a> {
                 let distance = cells.cells[(l * ny + j) * nx + i];
                 if distance > 0 && rising_cell {
                     // All cells closer than `distance` have this one's sign: the next sample is the first beyond them.
+                    // A ray across which nothing moves never leaves them.
                     let end = signed.ray.leaves(slowness, place.cell, distance);
                     k = k.max((end * self.safe_steps_per_length) as u32).saturating_add(1);
                     continue;

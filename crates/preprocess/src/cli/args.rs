@@ -11,7 +11,7 @@ use voxrole_preprocess::phantom::{NoiseKind, Phantom, Quantization};
 use voxrole_preprocess::raw_args::{RawArgs, parse_triple};
 use voxrole_preprocess::reconstruction::Reconstruction;
 
-use super::bench_pack::PackArgs;
+use super::bench::BenchArgs;
 
 /// Prepares volumes overnight: where each voxel stands relative to the nearest boundary along its own gradient.
 #[derive(Debug, Parser)]
@@ -277,66 +277,6 @@ pub struct PhantomArgs {
     /// List the phantoms.
     #[arg(long)]
     pub list: bool,
-}
-
-/// `bench`.
-#[derive(Debug, Args)]
-pub struct BenchArgs {
-    /// What to measure.
-    #[command(subcommand)]
-    pub command: BenchCommand,
-}
-
-/// What `bench` measures.
-#[derive(Debug, Subcommand)]
-pub enum BenchCommand {
-    /// Distance, gradient and time of every method on phantoms with exact truth: a table (CSV) and plots (PNG and SVG).
-    Accuracy(AccuracyArgs),
-    /// What smoothing does to the boundaries found under noise, thin layers included: a table (CSV) and plots (PNG and
-    /// SVG).
-    Smoothing(SmoothingArgs),
-    /// How small a packed file is, and how fast it opens and unpacks beside a copy of its bytes.
-    Pack(PackArgs),
-}
-
-/// `bench accuracy`.
-#[derive(Debug, Args)]
-pub struct AccuracyArgs {
-    /// Folder to write into; made if there is none. Files of former runs are replaced.
-    #[arg(short, long, value_name = "FOLDER")]
-    pub output: PathBuf,
-    /// Measure a few small volumes only: seconds.
-    #[arg(long, conflicts_with = "full")]
-    pub quick: bool,
-    /// Measure every phantom with every blur, noise and type of number: hours.
-    #[arg(long)]
-    pub full: bool,
-    /// How often each method runs; the fastest run counts.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    pub repeats: u16,
-    /// Threads to use [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    pub threads: Option<u16>,
-}
-
-/// `bench smoothing`.
-#[derive(Debug, Args)]
-pub struct SmoothingArgs {
-    /// Folder to write into; made if there is none. Files of former runs are replaced.
-    #[arg(short, long, value_name = "FOLDER")]
-    pub output: PathBuf,
-    /// Measure a few small volumes only: seconds.
-    #[arg(long)]
-    pub quick: bool,
-    /// How often each method runs; the fastest run counts.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    pub repeats: u16,
-    /// Table of tests/peers/canny.py, whose figures are drawn beside the others.
-    #[arg(long, value_name = "FILE.csv")]
-    pub canny: Option<PathBuf>,
-    /// Threads to use [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    pub threads: Option<u16>,
 }
 
 /// Bytes from a number and a unit.

@@ -1,10 +1,11 @@
 //! `voxrole bench`.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
+use clap::{Args, Subcommand};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use voxrole_pack::atomic_file;
 use voxrole_preprocess::accuracy::{Drawing, Extent, Row, csv, drawings, measure, methods, suite, text_table};
@@ -13,7 +14,67 @@ use voxrole_preprocess::smoothing_study::{
     Study, StudyRow, parse_canny, placements, scenes, study_csv, study_drawings, study_table,
 };
 
-use super::args::{AccuracyArgs, BenchCommand, SmoothingArgs};
+use super::bench_pack::PackArgs;
+
+/// `bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub command: BenchCommand,
+}
+
+/// What `bench` measures.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// Distance, gradient and time of every method on phantoms with exact truth: a table (CSV) and plots (PNG and SVG).
+    Accuracy(AccuracyArgs),
+    /// What smoothing does to the boundaries found under noise, thin layers included: a table (CSV) and plots (PNG and
+    /// SVG).
+    Smoothing(SmoothingArgs),
+    /// How small a packed file is, and how fast it opens and unpacks beside a copy of its bytes.
+    Pack(PackArgs),
+}
+
+/// `bench accuracy`.
+#[derive(Debug, Args)]
+pub struct AccuracyArgs {
+    /// Folder to write into; made if there is none. Files of former runs are replaced.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Measure a few small volumes only: seconds.
+    #[arg(long, conflicts_with = "full")]
+    pub quick: bool,
+    /// Measure every phantom with every blur, noise and type of number: hours.
+    #[arg(long)]
+    pub full: bool,
+    /// How often each method runs; the fastest run counts.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+    /// Threads to use [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
+
+/// `bench smoothing`.
+#[derive(Debug, Args)]
+pub struct SmoothingArgs {
+    /// Folder to write into; made if there is none. Files of former runs are replaced.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Measure a few small volumes only: seconds.
+    #[arg(long)]
+    pub quick: bool,
+    /// How often each method runs; the fastest run counts.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+    /// Table of tests/peers/canny.py, whose figures are drawn beside the others.
+    #[arg(long, value_name = "FILE.csv")]
+    pub canny: Option<PathBuf>,
+    /// Threads to use [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
 
 pub fn run(command: &BenchCommand) -> anyhow::Result<()> {
     match command {

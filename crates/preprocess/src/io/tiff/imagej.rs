@@ -29,7 +29,7 @@ impl<'a> Description<'a> {
         self.fields.get(name)?.trim().parse().ok().filter(|number: &f64| number.is_finite())
     }
 
-    /// The unit of length, whose letters outside ASCII may be written as `\uXXXX`.
+    /// The unit of length, whose letters outside ASCII may be written as `\u` and four hexadecimal digits.
     pub fn unit(&self) -> String {
         let unit = self.fields.get("unit").map_or("", |unit| unit.trim());
         match unit.to_ascii_lowercase().as_str() {
