@@ -207,8 +207,9 @@ impl Ray {
         let cell = IVec3::from_array(cell.map(|index| index as i32)) - self.origin;
         let [ahead, behind] = [cell + i32::from(distance), i32::from(distance - 1) - cell];
         let room = IVec3::select(self.direction.cmpge(Vec3::ZERO), ahead, behind);
-        // Across the ray no room at all is 0 · ∞, which is not less than any other number.
-        (room.as_vec3() * slowness).min_element()
+        // Along a face no room across the ray is 0 · ∞: `f32::min` passes over NaN, glam's `min_element` may not.
+        let [x, y, z] = (room.as_vec3() * slowness).to_array();
+        x.min(y).min(z)
     }
 }
 
@@ -244,6 +245,19 @@ mod tests {
         let value = sampler.place(&along, 1.25).map(|place| sampler.trilinear(&field, &place));
         assert_eq!(value, Some(1.25));
         assert_eq!(sampler.place(&sampler.ray([0, 0, 0], Vec3::Y), 0.1), None);
+    }
+
+    #[test]
+    fn cells_are_left_along_the_far_faces_too() {
+        let sampler = Sampler::new([20, 18, 16]);
+        for origin in [[14, 17, 8], [14, 8, 15], [14, 17, 15], [14, 0, 0]] {
+            let cell = [14, origin[1].min(16), origin[2].min(14)];
+            for (direction, expected) in [(Vec3::X, [1.0, 3.0]), (-Vec3::X, [0.0, 2.0])] {
+                let ray = sampler.ray(origin, direction);
+                let found = [1, 3].map(|distance| ray.leaves(ray.slowness(), cell, distance));
+                assert_eq!(found, expected, "{origin:?} along {direction}");
+            }
+        }
     }
 
     #[test]

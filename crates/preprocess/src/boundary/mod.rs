@@ -306,7 +306,6 @@ impl<'a> Tracer<'a> {
                 let distance = cells.cells[(l * ny + j) * nx + i];
                 if distance > 0 && rising_cell {
                     // All cells closer than `distance` have this one's sign: the next sample is the first beyond them.
-                    // A ray across which nothing moves never leaves them.
                     let end = signed.ray.leaves(slowness, place.cell, distance);
                     k = k.max((end * self.safe_steps_per_length) as u32).saturating_add(1);
                     continue;
