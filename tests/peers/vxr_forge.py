@@ -358,7 +358,8 @@ def histogram_edits():
         return edit
 
     yield "unknown kind of histogram", lambda parts: setattr(parts.header.histograms[0], "kind", 5)
-    for count in [0, 3]:
+    yield "histogram twice", lambda parts: setattr(parts.header.histograms[0], "kind", parts.header.histograms[1].kind)
+    for count in [0, 1, 3]:
         yield f"histogram with {count} axes", axes(count)
     for bins in [0, 1, 2**32 - 1]:
         yield f"axis with {bins} bins", of_axis("bins", bins)

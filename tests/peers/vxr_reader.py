@@ -263,12 +263,14 @@ def check_header(header):
         require(layer_is_possible(layer), f"type and quantization do not go with the layer {layer.kind}")
         require(quantization_is_possible(layer.quantization), f"impossible quantization of the layer {layer.kind}")
         require(0.0 <= layer.error_bound < math.inf, "an error bound is negative or not finite")
+    kinds = [shape.kind for shape in header.histograms]
+    require(len(set(kinds)) == len(kinds), "a kind of histogram is there twice")
     for shape in header.histograms:
         check_shape(shape)
 
 
 def check_shape(shape):
-    require(len(shape.axes) in [1, 2], "a histogram with other than one or two axes")
+    require(len(shape.axes) == (1 if shape.kind == "distance" else 2), "a histogram with other than the axes of its kind")
     require(all(-math.inf < axis.low < axis.high < math.inf for axis in shape.axes), "impossible ends of a histogram's axis")
     bins = math.prod(axis.bins for axis in shape.axes)
     require(0 < bins <= MAX_BINS, "a histogram without bins, or with more than this reader's limit")

@@ -108,10 +108,13 @@ impl Header {
             }
             validate_quantization(layer)?;
         }
-        for shape in &self.histograms {
+        for (index, shape) in self.histograms.iter().enumerate() {
+            if self.histograms[..index].iter().any(|earlier| earlier.kind == shape.kind) {
+                return Err(Error::Format(format!("histogram `{}` is there twice", shape.kind.name())));
+            }
             let bins = shape.bin_count().unwrap_or(u64::MAX);
             check("bins of a histogram", bins, limits.max_histogram_bins)?;
-            let usable = matches!(shape.axes.len(), 1 | 2)
+            let usable = shape.axes.len() == shape.kind.axis_count()
                 && shape
                     .axes
                     .iter()

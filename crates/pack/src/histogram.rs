@@ -38,6 +38,12 @@ impl HistogramKind {
             Self::Distance => "distance",
         }
     }
+
+    /// Number of its axes.
+    #[must_use]
+    pub const fn axis_count(self) -> usize {
+        if matches!(self, Self::Distance) { 1 } else { 2 }
+    }
 }
 
 /// Equal bins from `low` to `high`; the last holds `high` too.
@@ -78,7 +84,7 @@ impl HistogramAxis {
 pub struct HistogramShape {
     /// Which quantities.
     pub kind: HistogramKind,
-    /// One axis or two.
+    /// As many as [`HistogramKind::axis_count`] says.
     pub axes: Vec<HistogramAxis>,
 }
 
@@ -103,7 +109,7 @@ impl Histogram {
     /// Number of voxels counted.
     #[must_use]
     pub fn total(&self) -> u64 {
-        self.counts.iter().sum()
+        self.counts.iter().fold(0, |total, &count| total.saturating_add(count))
     }
 }
 

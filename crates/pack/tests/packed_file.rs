@@ -316,6 +316,8 @@ fn lies_are_refused_before_memory_is_asked_for() {
     let d_max = 15.0_f32.to_le_bytes();
     let first_brick = [(PROLOGUE_BYTES as u64).to_le_bytes().as_slice()].concat();
     let name_length = [11_u64.to_le_bytes().as_slice(), b"sample.nrrd"].concat();
+    // A kind, and the beginning of two axes.
+    let histogram = |kind: u32| [le(&[kind, 2, 0]).as_slice(), &(-1.0_f64).to_le_bytes()].concat();
     let huge_length = [u64::MAX.to_le_bytes().as_slice(), b"sample.nrrd"].concat();
     for (what, in_header, from, to) in [
         ("dims 2^31", true, dims.as_slice(), le(&[1 << 31; 3])),
@@ -327,6 +329,7 @@ fn lies_are_refused_before_memory_is_asked_for() {
         ("d_max 0", true, &d_max, 0_f32.to_le_bytes().to_vec()),
         ("a name of 2^64 bytes", true, &name_length, huge_length),
         ("bins 0", true, &le(&[10]), le(&[0])),
+        ("distances over two axes", true, &histogram(0), histogram(4)),
         ("a brick elsewhere", false, &first_brick, 1_u64.to_le_bytes().to_vec()),
         ("a brick beyond the end", false, &first_brick, u64::MAX.to_le_bytes().to_vec()),
     ] {

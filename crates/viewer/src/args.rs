@@ -84,6 +84,12 @@ pub struct RenderArgs {
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,
+    /// Take every sample: leap over nothing, end no ray early. The picture is the same.
+    #[arg(long)]
+    pub no_skip: bool,
+    /// Say how long drawing took and, on the CPU, how many samples it needed.
+    #[arg(long)]
+    pub stats: bool,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,

@@ -114,12 +114,25 @@ impl Frame {
         Ray { origin, direction: direction / direction.dot(direction).sqrt() }
     }
 
+    /// The largest stored |d| with which a voxel can be drawn somewhere in its cell, where its plane's distance changes by
+    /// the cell's diagonal at most, and a little for rounding.
+    #[must_use]
+    pub fn reach(&self) -> f32 {
+        (self.emphasis.d_c + self.spacing.length()) * 1.001
+    }
+
+    /// By how much a ray's parameter grows per unit along each axis; finite.
+    #[must_use]
+    pub fn inverse_direction(ray: &Ray) -> Vec3 {
+        // A component of exactly 0 would make 0 · ∞.
+        let nonzero = |component: f32| if component.abs() < 1e-20 { 1e-20 } else { component };
+        Vec3::new(nonzero(ray.direction.x), nonzero(ray.direction.y), nonzero(ray.direction.z)).recip()
+    }
+
     /// Where a ray enters and leaves the box, not before its origin; the entry lies behind the exit where it misses.
     #[must_use]
     pub fn intersect_box(&self, ray: &Ray) -> [f32; 2] {
-        // A component of exactly 0 would make 0 · ∞.
-        let nonzero = |component: f32| if component.abs() < 1e-20 { 1e-20 } else { component };
-        let inverse = Vec3::new(nonzero(ray.direction.x), nonzero(ray.direction.y), nonzero(ray.direction.z)).recip();
+        let inverse = Self::inverse_direction(ray);
         let to_low = (self.box_low - ray.origin) * inverse;
         let to_high = (self.box_high - ray.origin) * inverse;
         let (near, far) = (to_low.min(to_high), to_low.max(to_high));

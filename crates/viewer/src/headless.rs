@@ -1,6 +1,7 @@
 //! A picture file without a window.
 
 use std::path::Path;
+use std::time::Instant;
 
 use anyhow::{Context, bail};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
@@ -8,7 +9,7 @@ use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use crate::args::RenderArgs;
 use crate::classify::propose_regions;
 use crate::open::open_or_prepare;
-use crate::reference::RayMarcher;
+use crate::reference::{RayMarcher, SampleCounts};
 use crate::render::{Gpu, Renderer, Target};
 use crate::state::{Region, ViewState};
 use crate::volume::VolumeTexels;
@@ -31,8 +32,18 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
     let state = state(reader, arguments).with_context(named)?;
+    let start = Instant::now();
     let volume = VolumeTexels::read_level(reader, arguments.level).with_context(named)?;
-    let picture = draw(&volume, &state, arguments.cpu).with_context(named)?;
+    let reading = start.elapsed().as_secs_f64();
+    let Drawn { picture, ready, drawing, samples } = draw(&volume, &state, arguments.cpu).with_context(named)?;
+    if arguments.stats {
+        eprintln!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {drawing:.3} s");
+        if let Some(samples) = samples {
+            let SampleCounts { taken, all } = samples;
+            let saved = 100.0 * samples.saved();
+            eprintln!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved");
+        }
+    }
     if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
         eprintln!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
     }
@@ -46,8 +57,20 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
 pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     let mut state = ViewState::default();
     state.transfer_function.regions = proposed_regions(reader)?;
-    let picture = draw(&VolumeTexels::read(reader)?, &state, false)?;
+    let picture = draw(&VolumeTexels::read(reader)?, &state, false)?.picture;
     atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
+}
+
+/// A picture, and what it took.
+pub struct Drawn {
+    /// The picture.
+    pub picture: Picture,
+    /// Seconds that went by before the first pixel.
+    pub ready: f64,
+    /// Seconds from then on.
+    pub drawing: f64,
+    /// How many samples were taken, where they were counted: on the CPU.
+    pub samples: Option<SampleCounts>,
 }
 
 /// Draws on the GPU, or on the CPU where that is asked for or there is no adapter but the CPU; says on standard error which
@@ -55,8 +78,7 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When the volume or the picture does not fit the device, or the device is lost.
-pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Result<Picture> {
-    let size = state.render_settings.image_size;
+pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Result<Drawn> {
     if on_cpu {
         return draw_on_cpu(volume, state);
     }
@@ -74,13 +96,21 @@ pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Re
         Err(error) => return Err(error),
     };
     eprintln!("voxrole-view: drawing on {}", gpu.name);
-    let target = Target::new(&gpu, size)?;
-    Renderer::new(&gpu, volume)?.draw(state, &target);
-    target.read_back(&gpu)
+    let start = Instant::now();
+    let target = Target::new(&gpu, state.render_settings.image_size)?;
+    let mut renderer = Renderer::new(&gpu, volume)?;
+    let ready = start.elapsed().as_secs_f64();
+    renderer.draw(state, &target);
+    let picture = target.read_back(&gpu)?;
+    Ok(Drawn { picture, ready, drawing: start.elapsed().as_secs_f64() - ready, samples: None })
 }
 
-fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> crate::Result<Picture> {
-    Ok(RayMarcher::new(volume, state, state.render_settings.image_size)?.draw())
+fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> crate::Result<Drawn> {
+    let start = Instant::now();
+    let marcher = RayMarcher::new(volume, state, state.render_settings.image_size)?;
+    let ready = start.elapsed().as_secs_f64();
+    let (picture, samples) = marcher.draw_and_count();
+    Ok(Drawn { picture, ready, drawing: start.elapsed().as_secs_f64() - ready, samples: Some(samples) })
 }
 
 fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
@@ -90,6 +120,10 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     state.render_settings.image_size = arguments.size;
     state.render_settings.step = arguments.step;
     state.render_settings.background = arguments.background;
+    if arguments.no_skip {
+        state.render_settings.leaps = false;
+        state.render_settings.termination_opacity = 1.0;
+    }
     state.transfer_function.regions = arguments.regions.clone();
     if arguments.regions.is_empty() {
         state.transfer_function.regions = proposed_regions(reader)?;

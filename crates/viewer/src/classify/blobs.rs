@@ -13,6 +13,8 @@ const SAME_GRADIENT: f64 = 0.2;
 const SADDLE_SHARE: f64 = 0.7;
 /// Standard deviations of the smoothing to an axis: counts are noisy, boundaries some bins wide.
 const SIGMAS_PER_AXIS: f64 = 128.0;
+/// The most of it, in bins: an axis may claim millions of them.
+const LARGEST_SIGMA: f64 = 16.0;
 
 /// One blob, in bins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +45,7 @@ fn weights(histogram: &Histogram, dims: [usize; 2]) -> Vec<f64> {
     let row_weight = |row: usize| (gradient_axis.bin_center(row).max(0.0) / highest).powi(2);
     let weighted: Vec<f64> =
         histogram.counts.iter().enumerate().map(|(bin, &count)| count as f64 * row_weight(bin / dims[0])).collect();
-    smooth(&weighted, dims, dims.map(|bins| bins as f64 / SIGMAS_PER_AXIS))
+    smooth(&weighted, dims, dims.map(|bins| (bins as f64 / SIGMAS_PER_AXIS).min(LARGEST_SIGMA)))
 }
 
 /// A Gaussian of the given widths in bins, cut at three of them, zero beyond the borders.

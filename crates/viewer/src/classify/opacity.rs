@@ -44,12 +44,51 @@ impl OpacityTable {
         &self.entries
     }
 
+    /// Which bins have an opacity at all.
+    #[must_use]
+    pub fn lit_bins(&self) -> LitBins {
+        let mut counts = vec![0; (VALUE_BINS + 1) * (GRADIENT_BINS + 1)];
+        for (row, entries) in self.entries.chunks_exact(VALUE_BINS).enumerate() {
+            let (before, after) = counts.split_at_mut((row + 1) * (VALUE_BINS + 1));
+            let before = &before[row * (VALUE_BINS + 1)..];
+            let mut in_row = 0;
+            for (bin, entry) in entries.iter().enumerate() {
+                in_row += u32::from(entry[3] > 0);
+                after[bin + 1] = before[bin + 1] + in_row;
+            }
+        }
+        LitBins { counts }
+    }
+
     /// Red, green, blue and αu for an interpolated value in 0..=65535 (shares of the value range) and a stored
     /// gradient magnitude; `stored_gradient` is not 0, which means that there is none.
     #[must_use]
     pub fn look_up(&self, value: f32, stored_gradient: u16) -> [f32; 4] {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
         self.entries[bin].map(|share| f32::from(share) / 65535.0)
+    }
+}
+
+/// Whether any of a rectangle of bins has an opacity, at the cost of four numbers: a summed-area table.
+#[derive(Clone, Debug)]
+pub struct LitBins {
+    /// Bins with an opacity below and to the left of each corner of a bin.
+    counts: Vec<u32>,
+}
+
+impl LitBins {
+    /// Whether any value that is interpolated between two stored ones has an opacity together with any stored gradient
+    /// magnitude between two; `gradient` without any, its first larger than its last, has none.
+    #[must_use]
+    pub fn any(&self, value: [u16; 2], gradient: [u16; 2]) -> bool {
+        if gradient[0] > gradient[1] {
+            return false;
+        }
+        // Interpolation rounds: far less than half a stored number.
+        let [left, right] = [value_bin(f32::from(value[0]) - 0.5), value_bin(f32::from(value[1]) + 0.5) + 1];
+        let [below, above] = [gradient_bin(gradient[0]), gradient_bin(gradient[1]) + 1];
+        let count = |row: usize, bin: usize| self.counts[row * (VALUE_BINS + 1) + bin];
+        count(above, right) + count(below, left) > count(above, left) + count(below, right)
     }
 }
 
@@ -189,6 +228,28 @@ mod tests {
         let whole = [region([6.0, 8.0], [4.0, 6.0], [1.0; 3], 1.0, 0.1)];
         let table = OpacityTable::new(&whole, [7.0, 7.0], hit_gradient);
         assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0))[3], 1.0);
+    }
+
+    #[test]
+    fn lit_bins_are_found_in_every_rectangle() {
+        let table = OpacityTable::new(
+            &[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)],
+            VALUE_RANGE,
+            HIT_GRADIENT,
+        );
+        let lit = table.lit_bins();
+        let values = [0, 16000, 16400, 20000, 32700, 33000, 65535];
+        let gradients = [1, 16000, 16500, 20000, 32700, 33000, 65535];
+        for value in values.iter().flat_map(|&low| values.map(|high| [low, high])).filter(|[low, high]| low <= high) {
+            for gradient in gradients.iter().flat_map(|&low| gradients.map(|high| [low, high])) {
+                let bins = |[low, high]: [usize; 2]| low..=high;
+                let naive = bins(gradient.map(gradient_bin)).any(|row| {
+                    bins(value.map(|value| value_bin(f32::from(value))))
+                        .any(|bin| table.entries()[row * VALUE_BINS + bin][3] > 0)
+                });
+                assert_eq!(lit.any(value, gradient), naive && gradient[0] <= gradient[1], "{value:?} {gradient:?}");
+            }
+        }
     }
 
     #[test]

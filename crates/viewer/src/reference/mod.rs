@@ -9,7 +9,8 @@ pub mod shading;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::classify::{OpacityTable, correct_opacity};
+use crate::classify::macrocells::LeapingRay;
+use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
 use crate::frame::{Frame, Ray};
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
@@ -26,6 +27,29 @@ pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     table: OpacityTable,
     frame: Frame,
+    /// Where something can be drawn; `None` where rays do not leap.
+    occupancy: Option<Occupancy>,
+}
+
+/// How many samples a picture took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SampleCounts {
+    /// Places at which the volume was sampled.
+    pub taken: u64,
+    /// Places along all rays: what a picture takes whose rays neither leap nor end early.
+    pub all: u64,
+}
+
+impl SampleCounts {
+    /// The share of the samples that was saved, 0 to 1.
+    #[must_use]
+    pub fn saved(&self) -> f64 {
+        if self.all > 0 { 1.0 - self.taken as f64 / self.all as f64 } else { 0.0 }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self { taken: self.taken + other.taken, all: self.all + other.all }
+    }
 }
 
 impl<'a> RayMarcher<'a> {
@@ -41,23 +65,35 @@ impl<'a> RayMarcher<'a> {
         let description = &volume.description;
         let table =
             OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
-        Ok(Self { volume, table, frame: Frame::new(state, description, image_size) })
+        let frame = Frame::new(state, description, image_size);
+        let leaps = state.render_settings.leaps;
+        let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
+        Ok(Self { volume, table, frame, occupancy })
     }
 
     /// Draws the picture, rows in parallel.
     #[must_use]
     pub fn draw(&self) -> Picture {
+        self.draw_and_count().0
+    }
+
+    /// Draws the picture, and counts the samples that it takes.
+    #[must_use]
+    pub fn draw_and_count(&self) -> (Picture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut rgba = vec![0; width as usize * height as usize * 4];
-        rgba.par_chunks_exact_mut(width as usize * 4).enumerate().for_each(|(y, row)| {
+        let rows = rgba.par_chunks_exact_mut(width as usize * 4).enumerate().map(|(y, row)| {
+            let mut counts = SampleCounts::default();
             for (x, pixel) in row.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-                let light = self.march(&self.frame.ray(x as u32, y as u32));
+                let light = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
                 let color = light.truncate() + (1.0 - light.w) * self.frame.background;
                 let bytes = (color.clamp(Vec3::ZERO, Vec3::ONE) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
                 *pixel = [bytes[0], bytes[1], bytes[2], 255];
             }
+            counts
         });
-        Picture { width, height, rgba }
+        let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
+        (Picture { width, height, rgba }, counts)
     }
 
     /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
@@ -74,16 +110,28 @@ impl<'a> RayMarcher<'a> {
     }
 
     /// Light along a ray, front to back: colour premultiplied by opacity, and opacity.
-    fn march(&self, ray: &Ray) -> Vec4 {
+    fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> Vec4 {
         let frame = &self.frame;
         let sampler = Sampler::new(self.volume, &self.table, frame);
         let mut cache = CellCache::default();
+        let leaping = LeapingRay::new(frame, ray);
         let [entry, exit] = frame.intersect_box(ray);
+        counts.all += ((exit - entry) / frame.step + 0.5).max(0.0) as u64;
         let mut sum = Vec4::ZERO;
         let mut along = entry + 0.5 * frame.step;
         let mut count = 0.5;
         while along < exit && sum.w <= frame.termination_opacity {
-            let sample = sampler.sample(ray.origin + along * ray.direction, &mut cache);
+            let place = sampler.place(ray.origin + along * ray.direction);
+            let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
+            if empty > 0 {
+                // To the first sample beyond all that is known to be empty.
+                let beyond = ((leaping.leaves(place.0, empty) - entry) / frame.step).floor() + 0.5;
+                count = beyond.max(count + 1.0);
+                along = entry + count * frame.step;
+                continue;
+            }
+            counts.taken += 1;
+            let sample = sampler.sample_at(place, &mut cache);
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
                 let color = shade(sample.color, sample.normal, -ray.direction, frame.light, &frame.shading);

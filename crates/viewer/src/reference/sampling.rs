@@ -45,7 +45,7 @@ pub struct Sampler<'a> {
     volume: &'a VolumeTexels,
     table: &'a OpacityTable,
     frame: &'a Frame,
-    /// Largest |d| that a voxel can have and still be drawn somewhere in its cell.
+    /// See [`Frame::reach`].
     reach: f32,
 }
 
@@ -53,17 +53,29 @@ impl<'a> Sampler<'a> {
     /// Makes ready; costs nothing.
     #[must_use]
     pub fn new(volume: &'a VolumeTexels, table: &'a OpacityTable, frame: &'a Frame) -> Self {
-        Self { volume, table, frame, reach: reach(frame) }
+        Self { volume, table, frame, reach: frame.reach() }
     }
 
     /// The sample at a place in the frame's space.
     #[must_use]
     pub fn sample(&self, position: Vec3, cache: &mut CellCache) -> RoleSample {
+        self.sample_at(self.place(position), cache)
+    }
+
+    /// The cell of a place in the frame's space, by its lowest voxel, and where in it the place lies.
+    #[must_use]
+    pub fn place(&self, position: Vec3) -> (UVec3, Vec3) {
         let last = (UVec3::from_array(self.frame.dims) - 1).as_vec3();
         let index = (position * self.frame.spacing.recip()).clamp(Vec3::ZERO, last);
         let base = index.floor().min((last - 1.0).max(Vec3::ZERO));
-        let cell = self.cell(base.as_uvec3(), cache);
-        if cell.is_active { self.sample_cell(&cell, index - base) } else { RoleSample::default() }
+        (base.as_uvec3(), index - base)
+    }
+
+    /// The sample at a place that [`Self::place`] gave.
+    #[must_use]
+    pub fn sample_at(&self, (base, fraction): (UVec3, Vec3), cache: &mut CellCache) -> RoleSample {
+        let cell = self.cell(base, cache);
+        if cell.is_active { self.sample_cell(&cell, fraction) } else { RoleSample::default() }
     }
 
     fn cell(&self, base: UVec3, cache: &mut CellCache) -> Cell {
@@ -117,12 +129,6 @@ impl<'a> Sampler<'a> {
     fn stored_distance(&self, texel: [u16; 4]) -> f32 {
         f32::from(texel[1] as i16) * self.frame.distance_scale
     }
-}
-
-/// The largest stored |d| that counts: `d_c` and a cell's diagonal, and a little for rounding.
-#[must_use]
-pub fn reach(frame: &Frame) -> f32 {
-    (frame.emphasis.d_c + frame.spacing.length()) * 1.001
 }
 
 /// A vector's direction, or 0 where opposite normals cancel.

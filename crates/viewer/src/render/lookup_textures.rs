@@ -1,4 +1,4 @@
-//! The opacity table on the GPU.
+//! What the transfer function makes of a volume, on the GPU: the opacity table, and where something can be drawn.
 
 use wgpu::{
     Extent3d, TexelCopyBufferLayout, Texture, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
@@ -6,55 +6,96 @@ use wgpu::{
 };
 
 use super::gpu::Gpu;
-use crate::classify::OpacityTable;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
-use crate::state::Region;
-use crate::volume::VolumeDescription;
+use crate::classify::{MacrocellRanges, Occupancy, OpacityTable};
+use crate::frame::Frame;
+use crate::state::{BoundaryEmphasis, Region, ViewState};
+use crate::volume::{VolumeDescription, VolumeTexels};
 
-const SIZE: Extent3d = Extent3d { width: VALUE_BINS as u32, height: GRADIENT_BINS as u32, depth_or_array_layers: 1 };
+const TABLE_SIZE: Extent3d =
+    Extent3d { width: VALUE_BINS as u32, height: GRADIENT_BINS as u32, depth_or_array_layers: 1 };
 
-/// A table that is rebuilt only when the regions change.
+/// Textures that are rebuilt only when what they are made from changes.
 pub struct LookupTextures {
-    texture: Texture,
-    view: TextureView,
-    regions: Option<Vec<Region>>,
+    opacity_table: Texture,
+    occupancy: Texture,
+    ranges: MacrocellRanges,
+    table: Option<(Vec<Region>, OpacityTable)>,
+    /// What the occupancy is that of, beside the table.
+    drawn: Option<(BoundaryEmphasis, bool)>,
 }
 
 impl LookupTextures {
-    /// An empty table.
-    pub fn new(gpu: &Gpu) -> Self {
-        let texture = gpu.device.create_texture(&TextureDescriptor {
-            label: Some("opacity table"),
-            size: SIZE,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: TextureDimension::D2,
+    /// Makes ready for a volume.
+    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Self {
+        let ranges = MacrocellRanges::new(volume);
+        let [width, height, depth_or_array_layers] = ranges.dims().map(|dim| dim as u32);
+        let size = Extent3d { width, height, depth_or_array_layers };
+        Self {
             // Integers, so that the CPU's table reads the same to the last bit.
-            format: TextureFormat::Rgba16Uint,
-            usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let view = texture.create_view(&TextureViewDescriptor::default());
-        Self { texture, view, regions: None }
-    }
-
-    /// Brings the table up to date.
-    pub fn update(&mut self, gpu: &Gpu, regions: &[Region], volume: &VolumeDescription) {
-        if self.regions.as_deref() == Some(regions) {
-            return;
+            opacity_table: texture(gpu, "opacity table", TABLE_SIZE, TextureDimension::D2, TextureFormat::Rgba16Uint),
+            occupancy: texture(gpu, "occupancy", size, TextureDimension::D3, TextureFormat::R8Uint),
+            ranges,
+            table: None,
+            drawn: None,
         }
-        let table = OpacityTable::new(regions, volume.value_range, volume.hit_gradient);
-        gpu.queue.write_texture(
-            self.texture.as_image_copy(),
-            bytemuck::cast_slice(table.entries()),
-            TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(SIZE.width * 8), rows_per_image: Some(SIZE.height) },
-            SIZE,
-        );
-        self.regions = Some(regions.to_vec());
     }
 
-    /// What a shader reads.
-    pub fn view(&self) -> &TextureView {
-        &self.view
+    /// Brings the textures up to date.
+    pub fn update(&mut self, gpu: &Gpu, state: &ViewState, volume: &VolumeDescription, frame: &Frame) {
+        let regions = &state.transfer_function.regions;
+        let kept = self.table.take().filter(|(of, _)| of == regions);
+        let is_new = kept.is_none();
+        let (_, table) =
+            self.table.insert(kept.unwrap_or_else(|| {
+                (regions.clone(), OpacityTable::new(regions, volume.value_range, volume.hit_gradient))
+            }));
+        if is_new {
+            write(gpu, &self.opacity_table, bytemuck::cast_slice(table.entries()));
+        }
+        let drawn = Some((frame.emphasis, state.render_settings.leaps));
+        if is_new || self.drawn != drawn {
+            if state.render_settings.leaps {
+                write(gpu, &self.occupancy, Occupancy::new(&self.ranges, table, frame).distances());
+            } else {
+                write(gpu, &self.occupancy, &vec![0; self.ranges.dims().iter().product()]);
+            }
+            self.drawn = drawn;
+        }
     }
+
+    /// The opacity table, as a shader reads it.
+    pub fn opacity_table(&self) -> TextureView {
+        self.opacity_table.create_view(&TextureViewDescriptor::default())
+    }
+
+    /// The distance of every macrocell from one in which something can be drawn, as a shader reads it.
+    pub fn occupancy(&self) -> TextureView {
+        self.occupancy.create_view(&TextureViewDescriptor::default())
+    }
+}
+
+fn texture(gpu: &Gpu, label: &str, size: Extent3d, dimension: TextureDimension, format: TextureFormat) -> Texture {
+    gpu.device.create_texture(&TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format,
+        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+/// Writes a whole texture.
+fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
+    let size = texture.size();
+    let rows = size.height * size.depth_or_array_layers;
+    let layout = TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some((bytes.len() / rows as usize) as u32),
+        rows_per_image: Some(size.height),
+    };
+    gpu.queue.write_texture(texture.as_image_copy(), bytes, layout, size);
 }

@@ -12,6 +12,7 @@ use wgpu::{
 };
 
 use super::gpu::Gpu;
+use super::lookup_textures::LookupTextures;
 use super::shader;
 use super::target::Target;
 use super::uniforms::Uniforms;
@@ -39,6 +40,7 @@ impl RayMarch {
                 ),
                 entry(1, integer_texture(TextureViewDimension::D3)),
                 entry(2, integer_texture(TextureViewDimension::D2)),
+                entry(3, integer_texture(TextureViewDimension::D3)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -50,15 +52,17 @@ impl RayMarch {
         Self { pipeline: pipeline(gpu, &layout), layout, uniforms }
     }
 
-    /// Binds a volume and a table.
-    pub fn bind(&self, gpu: &Gpu, volume: &TextureView, opacity_table: &TextureView) -> BindGroup {
+    /// Binds a volume and what is made of it.
+    pub fn bind(&self, gpu: &Gpu, volume: &TextureView, lookup_textures: &LookupTextures) -> BindGroup {
+        let (opacity_table, occupancy) = (lookup_textures.opacity_table(), lookup_textures.occupancy());
         gpu.device.create_bind_group(&BindGroupDescriptor {
             label: Some("ray march"),
             layout: &self.layout,
             entries: &[
                 BindGroupEntry { binding: 0, resource: self.uniforms.as_entire_binding() },
                 BindGroupEntry { binding: 1, resource: BindingResource::TextureView(volume) },
-                BindGroupEntry { binding: 2, resource: BindingResource::TextureView(opacity_table) },
+                BindGroupEntry { binding: 2, resource: BindingResource::TextureView(&opacity_table) },
+                BindGroupEntry { binding: 3, resource: BindingResource::TextureView(&occupancy) },
             ],
         })
     }

@@ -33,9 +33,9 @@ impl Renderer {
     pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
         let volume_textures = VolumeTextures::new(gpu, volume)?;
         gpu.checked("preparing to draw", || {
-            let lookup_textures = LookupTextures::new(gpu);
+            let lookup_textures = LookupTextures::new(gpu, volume);
             let ray_march = RayMarch::new(gpu);
-            let bind_group = ray_march.bind(gpu, volume_textures.view(), lookup_textures.view());
+            let bind_group = ray_march.bind(gpu, volume_textures.view(), &lookup_textures);
             Self { gpu: gpu.clone(), volume: volume.description.clone(), lookup_textures, ray_march, bind_group }
         })
     }
@@ -65,8 +65,8 @@ impl Renderer {
     /// When `rows` reach beyond the target.
     pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) {
         let gpu = &self.gpu;
-        self.lookup_textures.update(gpu, &state.transfer_function.regions, &self.volume);
         let frame = Frame::new(state, &self.volume, target.size());
+        self.lookup_textures.update(gpu, state, &self.volume, &frame);
         self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));
         let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("picture") });
         self.ray_march.record(&mut encoder, &self.bind_group, target, rows);

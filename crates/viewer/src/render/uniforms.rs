@@ -3,7 +3,6 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::frame::Frame;
-use crate::reference::sampling::reach;
 use crate::state::EmphasisKind;
 
 /// The shaders' `Uniforms`: a vector and a number in every 16 bytes. A test compares the offsets with the shader's.
@@ -51,7 +50,7 @@ impl From<&Frame> for Uniforms {
             origin_up: rays.origin_up.into(),
             distance_scale: frame.distance_scale,
             direction: rays.direction.into(),
-            reach: reach(frame),
+            reach: frame.reach(),
             direction_right: rays.direction_right.into(),
             emphasis_a: frame.emphasis.a,
             direction_up: rays.direction_up.into(),

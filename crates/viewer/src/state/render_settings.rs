@@ -9,6 +9,8 @@ pub struct RenderSettings {
     pub step: f32,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],
+    /// Whether rays leap over space in which nothing can be drawn; the picture is the same without.
+    pub leaps: bool,
     /// Where the light comes from.
     pub light: Light,
     /// How surfaces answer to it.
@@ -24,6 +26,7 @@ impl Default for RenderSettings {
         Self {
             step: 0.25,
             background: [0.0; 3],
+            leaps: true,
             light: Light::default(),
             shading: Shading::default(),
             termination_opacity: 1.0 - 1.0 / 512.0,

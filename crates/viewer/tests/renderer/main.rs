@@ -5,3 +5,4 @@ mod packed_file;
 mod phantom;
 mod sampling_rule;
 mod shells;
+mod skipping;

@@ -155,7 +155,7 @@ fn coarse_levels_draw_boundaries_where_they_are() {
     let state = phantom.state(orthographic(CameraPreset::Front));
     let pictures = [0, 1, 2].map(|level| {
         let volume = VolumeTexels::read_level(&reader, level).expect("reads");
-        headless::draw(&volume, &state, true).expect("is drawn").rgba
+        headless::draw(&volume, &state, true).expect("is drawn").picture.rgba
     });
     // Every voxel predicts the boundary by its own plane, so that a level loses the curvature between its voxels alone.
     for (coarse, largest) in [(&pictures[1], 0.5), (&pictures[2], 2.0)] {

@@ -2,14 +2,24 @@
 
 // Light along a ray: colour premultiplied by opacity, and opacity.
 fn march(ray: Ray) -> vec4<f32> {
-    let interval = intersect_box(ray);
+    let inverse = inverse_direction(ray);
+    let interval = intersect_box(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
     var sum = vec4<f32>(0.0);
     var count = 0.5;
     var along = interval.x + 0.5 * frame.step;
     while along < interval.y && sum.a <= frame.termination_opacity {
-        let role = sample_role(ray.origin + along * ray.direction, &cell);
+        let place = place_at(ray.origin + along * ray.direction);
+        let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
+        if empty > 0 {
+            // To the first sample beyond all that is known to be empty.
+            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.x) / frame.step) + 0.5;
+            count = max(beyond, count + 1.0);
+            along = interval.x + count * frame.step;
+            continue;
+        }
+        let role = sample_role(place, &cell);
         if role.opacity > 0.0 {
             let opacity = correct_opacity(role.opacity);
             let color = shade(role.color, role.normal, -ray.direction);

@@ -6,6 +6,7 @@ pub const SOURCE: &str = concat!(
     include_str!("classification.wgsl"),
     include_str!("sampling.wgsl"),
     include_str!("shading.wgsl"),
+    include_str!("leaping.wgsl"),
     include_str!("compositing.wgsl"),
 );
 
@@ -14,13 +15,15 @@ mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     use super::*;
+    use crate::classify::macrocells::MACROCELL;
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 
-    const CHUNKS: [(&str, &str); 5] = [
+    const CHUNKS: [(&str, &str); 6] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("sampling", include_str!("sampling.wgsl")),
         ("shading", include_str!("shading.wgsl")),
+        ("leaping", include_str!("leaping.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
     ];
 
@@ -40,7 +43,8 @@ mod tests {
     }
 
     #[test]
-    fn the_table_s_size_is_the_program_s() {
+    fn sizes_are_the_program_s() {
+        assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
     }

@@ -137,17 +137,26 @@ fn sample_cell(cell: Cell, fraction: vec3<f32>) -> RoleSample {
     return RoleSample(min(sum.opacity, 1.0), sum.color / sum.opacity, unit);
 }
 
-// The sample at a place; `cell` is the last sample's and is replaced where the place lies in another.
-fn sample_role(position: vec3<f32>, cell: ptr<function, Cell>) -> RoleSample {
+// A cell, by its lowest voxel, and where in it.
+struct Place {
+    base: vec3<i32>,
+    fraction: vec3<f32>,
+}
+
+fn place_at(position: vec3<f32>) -> Place {
     let last = vec3<f32>(frame.last_voxel);
     let index = clamp(position * frame.inverse_spacing, vec3<f32>(0.0), last);
     let base = min(floor(index), max(last - 1.0, vec3<f32>(0.0)));
-    let base_voxel = vec3<i32>(base);
-    if any(base_voxel != (*cell).base) {
-        *cell = load_cell(base_voxel);
+    return Place(vec3<i32>(base), index - base);
+}
+
+// The sample at a place; `cell` is the last sample's and is replaced where the place lies in another.
+fn sample_role(place: Place, cell: ptr<function, Cell>) -> RoleSample {
+    if any(place.base != (*cell).base) {
+        *cell = load_cell(place.base);
     }
     if !(*cell).is_active {
         return RoleSample(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
     }
-    return sample_cell(*cell, index - base);
+    return sample_cell(*cell, place.fraction);
 }

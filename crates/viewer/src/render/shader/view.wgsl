@@ -41,6 +41,8 @@ struct Ray {
 @group(0) @binding(1) var volume: texture_3d<u32>;
 // Colour and opacity by value (x) and gradient magnitude at the hit (y), in shares of 65535.
 @group(0) @binding(2) var opacity_table: texture_2d<u32>;
+// How many macrocells each is away from one in which something can be drawn.
+@group(0) @binding(3) var occupancy: texture_3d<u32>;
 
 // One triangle that covers the picture.
 @vertex
@@ -63,10 +65,14 @@ fn nonzero(component: f32) -> f32 {
     return select(component, 1e-20, abs(component) < 1e-20);
 }
 
-// Entry and exit along a ray, not before its origin; the entry lies behind the exit where the ray misses.
-fn intersect_box(ray: Ray) -> vec2<f32> {
+// By how much a ray's parameter grows per unit along each axis; finite.
+fn inverse_direction(ray: Ray) -> vec3<f32> {
     let direction = ray.direction;
-    let inverse = 1.0 / vec3<f32>(nonzero(direction.x), nonzero(direction.y), nonzero(direction.z));
+    return 1.0 / vec3<f32>(nonzero(direction.x), nonzero(direction.y), nonzero(direction.z));
+}
+
+// Entry and exit along a ray, not before its origin; the entry lies behind the exit where the ray misses.
+fn intersect_box(ray: Ray, inverse: vec3<f32>) -> vec2<f32> {
     let to_low = (frame.box_low - ray.origin) * inverse;
     let to_high = (frame.box_high - ray.origin) * inverse;
     let near = min(to_low, to_high);

@@ -1,0 +1,249 @@
+//! Where in a volume something can be drawn: ranges over blocks of cells, held against a transfer function.
+//!
+//! A macrocell is a cube of [`MACROCELL`]³ cells with all their voxels, those on its faces included. What a sample in it can
+//! show depends on nothing but its voxels' values, distances and gradient magnitudes: where no value between the smallest and
+//! the largest has an opacity together with any of the magnitudes, or no distance is small enough, no sample needs to be taken.
+
+use glam::{UVec3, Vec3};
+use rayon::prelude::*;
+
+use super::OpacityTable;
+use crate::frame::{Frame, Ray};
+use crate::volume::VolumeTexels;
+
+/// Cells along a side of a macrocell.
+pub const MACROCELL: u32 = 4;
+
+/// Distances beyond this many macrocells are not told apart: longer leaps are rare.
+pub const FARTHEST: u8 = 16;
+
+/// How far off rounding can put a sample, as a share of the lengths that it is worked out from: a few units in the last place.
+const ROUNDING: f32 = 4e-6;
+
+/// What the voxels of every macrocell hold, whatever is drawn of them.
+#[derive(Clone, Debug)]
+pub struct MacrocellRanges {
+    dims: [usize; 3],
+    ranges: Vec<Ranges>,
+}
+
+/// Smallest and largest numbers, as stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Ranges {
+    value: [u16; 2],
+    /// Of voxels with a boundary; the smaller is larger where there are none.
+    gradient: [u16; 2],
+    /// The smallest |distance| of a voxel with a boundary.
+    nearest: u16,
+}
+
+impl Ranges {
+    const NONE: Self = Self { value: [u16::MAX, 0], gradient: [u16::MAX, 0], nearest: u16::MAX };
+
+    fn add(&mut self, texel: [u16; 4]) {
+        let widen = |[low, high]: [u16; 2], number: u16| [low.min(number), high.max(number)];
+        self.value = widen(self.value, texel[0]);
+        if VolumeTexels::has_hit(texel) {
+            self.gradient = widen(self.gradient, texel[2]);
+            self.nearest = self.nearest.min((texel[1] as i16).unsigned_abs());
+        }
+    }
+}
+
+impl MacrocellRanges {
+    /// Gathers the ranges of a volume's macrocells, on every thread.
+    #[must_use]
+    pub fn new(volume: &VolumeTexels) -> Self {
+        let voxels = volume.description.texel_dims().map(|dim| dim as usize);
+        let size = MACROCELL as usize;
+        let dims @ [nx, ny, nz] = voxels.map(|dim| dim.saturating_sub(1).max(1).div_ceil(size));
+        let mut ranges = vec![Ranges::NONE; nx * ny * nz];
+        ranges.par_chunks_mut(nx).enumerate().for_each(|(row, ranges)| {
+            let ends = |first: usize, dim: usize| first * size..=(first * size + size).min(dim - 1);
+            for z in ends(row / ny, voxels[2]) {
+                for y in ends(row % ny, voxels[1]) {
+                    let texels = &volume.texels[(z * voxels[1] + y) * voxels[0]..][..voxels[0]];
+                    for (x, ranges) in ranges.iter_mut().enumerate() {
+                        texels[ends(x, voxels[0])].iter().for_each(|&texel| ranges.add(texel));
+                    }
+                }
+            }
+        });
+        Self { dims, ranges }
+    }
+
+    /// Macrocells along x, y, z.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+}
+
+/// How far every macrocell is from one in which something can be drawn.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Occupancy {
+    dims: [usize; 3],
+    /// 0 where something can be drawn, else the Chebyshev distance in macrocells to the nearest such one, up to [`FARTHEST`];
+    /// x fastest.
+    distances: Vec<u8>,
+}
+
+impl Occupancy {
+    /// Holds the ranges against a table; what lies `reach` or farther from its boundary is not drawn.
+    #[must_use]
+    pub fn new(volume: &MacrocellRanges, table: &OpacityTable, frame: &Frame) -> Self {
+        let lit = table.lit_bins();
+        let reach = frame.reach();
+        let can_be_drawn = |ranges: &Ranges| {
+            f32::from(ranges.nearest) * frame.distance_scale < reach && lit.any(ranges.value, ranges.gradient)
+        };
+        let [nx, _, _] = volume.dims;
+        let mut drawn = BitRows::new(volume.dims);
+        let rows = drawn.words.par_chunks_mut(nx.div_ceil(64)).zip(volume.ranges.par_chunks(nx));
+        rows.for_each(|(words, ranges)| {
+            for (x, _) in ranges.iter().enumerate().filter(|(_, ranges)| can_be_drawn(ranges)) {
+                words[x / 64] |= 1 << (x % 64);
+            }
+        });
+        Self { dims: volume.dims, distances: drawn.distances() }
+    }
+
+    /// The distance of every macrocell, x fastest.
+    #[must_use]
+    pub fn distances(&self) -> &[u8] {
+        &self.distances
+    }
+
+    /// The distance of the macrocell that a cell lies in.
+    #[must_use]
+    pub fn distance(&self, cell: UVec3) -> u8 {
+        let [x, y, z] = (cell / MACROCELL).as_usizevec3().to_array();
+        self.distances[(z * self.dims[1] + y) * self.dims[0] + x]
+    }
+}
+
+/// A ray that knows where it leaves macrocells.
+pub struct LeapingRay {
+    origin: Vec3,
+    inverse: Vec3,
+    is_forward: glam::BVec3,
+    spacing: Vec3,
+    slack: Vec3,
+}
+
+impl LeapingRay {
+    /// Makes ready to leap along a ray.
+    #[must_use]
+    pub fn new(frame: &Frame, ray: &Ray) -> Self {
+        let is_forward = ray.direction.cmpge(Vec3::ZERO);
+        let slack = ROUNDING * (ray.origin.abs().max_element() + (frame.box_high - frame.box_low).length());
+        Self {
+            origin: ray.origin,
+            inverse: Frame::inverse_direction(ray),
+            is_forward,
+            spacing: frame.spacing,
+            slack: Vec3::select(is_forward, Vec3::splat(-slack), Vec3::splat(slack)),
+        }
+    }
+
+    /// A parameter up to which every sample lies in a macrocell closer than `distance` to that of `cell`, rounding included.
+    #[must_use]
+    pub fn leaves(&self, cell: UVec3, distance: u8) -> f32 {
+        let (macrocell, distance) = ((cell / MACROCELL).as_ivec3(), i32::from(distance));
+        let corner = glam::IVec3::select(self.is_forward, macrocell + distance, macrocell + 1 - distance);
+        let plane = (corner * MACROCELL as i32).as_vec3() * self.spacing + self.slack;
+        let [x, y, z] = ((plane - self.origin) * self.inverse).to_array();
+        x.min(y).min(z)
+    }
+}
+
+/// A bit for every macrocell, each row in words of its own.
+struct BitRows {
+    dims: [usize; 3],
+    words: Vec<u64>,
+}
+
+impl BitRows {
+    fn new(dims: [usize; 3]) -> Self {
+        Self { dims, words: vec![0; dims[0].div_ceil(64) * dims[1] * dims[2]] }
+    }
+
+    /// The Chebyshev distance of every bit to the nearest one that is set.
+    fn distances(mut self) -> Vec<u8> {
+        let [nx, ny, nz] = self.dims;
+        let width = nx.div_ceil(64);
+        let mut distances = vec![FARTHEST; nx * ny * nz];
+        let mut before = vec![0; self.words.len()];
+        for distance in 0..FARTHEST {
+            let mut is_complete = true;
+            for (row, distances) in distances.chunks_exact_mut(nx).enumerate() {
+                for word in 0..width {
+                    let mut fresh = self.words[row * width + word] & !before[row * width + word];
+                    is_complete &= fresh == 0;
+                    while fresh != 0 {
+                        let x = 64 * word + fresh.trailing_zeros() as usize;
+                        fresh &= fresh - 1;
+                        // Bits spread beyond the row's end, too.
+                        if x < nx {
+                            distances[x] = distance;
+                        }
+                    }
+                }
+            }
+            if is_complete {
+                break;
+            }
+            before.copy_from_slice(&self.words);
+            self.spread(&before);
+        }
+        distances
+    }
+
+    /// Sets the neighbours of all bits of `before`, which are those of `self`, too.
+    fn spread(&mut self, before: &[u64]) {
+        let [nx, ny, nz] = self.dims;
+        let width = nx.div_ceil(64);
+        for (row, words) in self.words.chunks_exact_mut(width).enumerate() {
+            let (y, z) = (row % ny, row / ny);
+            let neighbours = (z.saturating_sub(1)..=(z + 1).min(nz - 1))
+                .flat_map(|z| (y.saturating_sub(1)..=(y + 1).min(ny - 1)).map(move |y| z * ny + y));
+            for row in neighbours {
+                let line = &before[row * width..][..width];
+                for (word, bits) in words.iter_mut().enumerate() {
+                    let low = if word > 0 { line[word - 1] >> 63 } else { 0 };
+                    let high = if word + 1 < width { line[word + 1] << 63 } else { 0 };
+                    *bits |= line[word] | line[word] << 1 | line[word] >> 1 | low | high;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn distances_equal_their_naive_twin(
+            dims in (1_usize..150, 1_usize..6, 1_usize..6),
+            set in prop::collection::vec(any::<u32>(), 0..4),
+        ) {
+            let dims = [dims.0, dims.1, dims.2];
+            let [nx, ny, nz] = dims;
+            let mut bits = BitRows::new(dims);
+            let place = |cell: usize| [cell % nx, cell / nx % ny, cell / (nx * ny)];
+            let set: Vec<_> = set.into_iter().map(|cell| place(cell as usize % (nx * ny * nz))).collect();
+            for [x, y, z] in &set {
+                bits.words[(z * ny + y) * nx.div_ceil(64) + x / 64] |= 1 << (x % 64);
+            }
+            let naive: Vec<u8> = (0..nx * ny * nz).map(place).map(|cell| {
+                let far = |other: &[usize; 3]| (0..3).map(|axis| other[axis].abs_diff(cell[axis])).max().unwrap_or(0);
+                set.iter().map(far).min().map_or(FARTHEST, |distance| distance.min(usize::from(FARTHEST)) as u8)
+            }).collect();
+            prop_assert_eq!(bits.distances(), naive);
+        }
+    }
+}

@@ -1,0 +1,149 @@
+"""The CPU ray caster beside VTK's fixed-point one (VTK from PyPI): seconds for a picture of the same size and view at the same
+step, by turns, and both pictures into a folder.
+
+python3 tests/peers/vtk_render.py VOXROLE_VIEW VOXROLE OUT VOLUME...
+
+VTK's transfer function is made from the regions that voxrole-view proposes: opaque within their values, and at their gradient
+magnitudes. VTK's first picture, which builds its tables of gradients, does not count, nor does reading and making ready.
+"""
+
+import math
+import os
+import re
+import statistics
+import subprocess
+import sys
+
+import vtk
+
+SIZE = 512
+ROUNDS = 5
+FIELD_OF_VIEW = 30.0
+
+
+def regions_of(view, file):
+    text = subprocess.run(
+        [view, "render", file, "-o", file + ".png", "--size", "16x16", "--cpu"], check=True, capture_output=True, text=True
+    ).stdout
+    regions = []
+    for line in text.splitlines():
+        value, gradient, colour, opacity = line.split()[1].split(",")[:4]
+        numbers = lambda extent: [float(number) for number in extent.split(":")]
+        rgb = [int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)]
+        regions.append((numbers(value), numbers(gradient), rgb, float(opacity)))
+    return regions
+
+
+class Vtk:
+    def __init__(self, volume_file, regions):
+        reader = vtk.vtkNrrdReader()
+        reader.SetFileName(volume_file)
+        reader.Update()
+        image = reader.GetOutput()
+        self.mapper = vtk.vtkFixedPointVolumeRayCastMapper()
+        self.mapper.SetInputData(image)
+        spacing = min(image.GetSpacing())
+        self.mapper.SetAutoAdjustSampleDistances(False)
+        self.mapper.LockSampleDistanceToInputSpacingOff()
+        self.mapper.SetImageSampleDistance(1.0)
+        self.mapper.SetSampleDistance(spacing)
+        self.mapper.SetInteractiveSampleDistance(spacing)
+        self.mapper.SetNumberOfThreads(os.cpu_count())
+        opacity, gradient_opacity = vtk.vtkPiecewiseFunction(), vtk.vtkPiecewiseFunction()
+        colour = vtk.vtkColorTransferFunction()
+        for (low, high), (weakest, strongest), rgb, alpha in regions:
+            for value, alpha in [(low, 0.0), (low + 0.1 * (high - low), alpha), (high - 0.1 * (high - low), alpha), (high, 0.0)]:
+                opacity.AddPoint(value, alpha)
+            colour.AddRGBPoint(0.5 * (low + high), *rgb)
+        weakest = min(region[1][0] for region in regions)
+        gradient_opacity.AddPoint(0.0, 0.0)
+        gradient_opacity.AddPoint(0.9 * weakest, 0.0)
+        gradient_opacity.AddPoint(weakest, 1.0)
+        volume_property = vtk.vtkVolumeProperty()
+        volume_property.SetScalarOpacity(opacity)
+        volume_property.SetGradientOpacity(gradient_opacity)
+        volume_property.SetColor(colour)
+        volume_property.SetInterpolationTypeToLinear()
+        volume_property.ShadeOn()
+        volume_property.SetScalarOpacityUnitDistance(spacing)
+        volume = vtk.vtkVolume()
+        volume.SetMapper(self.mapper)
+        volume.SetProperty(volume_property)
+        renderer = vtk.vtkRenderer()
+        renderer.AddVolume(volume)
+        self.window = vtk.vtkRenderWindow()
+        self.window.SetOffScreenRendering(1)
+        self.window.SetSize(SIZE, SIZE)
+        self.window.AddRenderer(renderer)
+        bounds = image.GetBounds()
+        self.centre = [0.5 * (bounds[2 * axis] + bounds[2 * axis + 1]) for axis in range(3)]
+        self.radius = 0.5 * math.dist(bounds[0::2], bounds[1::2])
+        self.camera = renderer.GetActiveCamera()
+        self.camera.SetViewAngle(FIELD_OF_VIEW)
+        self.renderer = renderer
+
+    def draw(self, azimuth, elevation):
+        """Seconds for a picture from where voxrole-view's `--camera AZIMUTH,ELEVATION` looks."""
+        azimuth, elevation = math.radians(azimuth), math.radians(elevation)
+        distance = self.radius / math.sin(math.radians(0.5 * FIELD_OF_VIEW))
+        towards = [
+            math.sin(azimuth) * math.cos(elevation),
+            -math.cos(azimuth) * math.cos(elevation),
+            math.sin(elevation),
+        ]
+        self.camera.SetFocalPoint(*self.centre)
+        self.camera.SetPosition(*(centre + distance * along for centre, along in zip(self.centre, towards)))
+        self.camera.SetViewUp(0, 0, 1)
+        self.renderer.ResetCameraClippingRange()
+        self.window.Render()
+        return self.renderer.GetLastRenderTimeInSeconds()
+
+    def save(self, file):
+        grab = vtk.vtkWindowToImageFilter()
+        grab.SetInput(self.window)
+        grab.ReadFrontBufferOff()
+        writer = vtk.vtkPNGWriter()
+        writer.SetFileName(file)
+        writer.SetInputConnection(grab.GetOutputPort())
+        writer.Write()
+
+
+def drawn(view, file, picture, azimuth, elevation, regions, options):
+    said = subprocess.run(
+        [view, "render", file, "-o", picture, "--size", f"{SIZE}x{SIZE}", "--cpu", "--stats", "--step", "1"]
+        + ["--camera", f"{azimuth},{elevation}", *regions, *options],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stderr
+    return float(re.search(r"drawn in ([0-9.]+) s", said)[1])
+
+
+def main(view, voxrole, out, *volumes):
+    os.makedirs(out, exist_ok=True)
+    print("volume | voxrole, s | VTK, s | ratio")
+    for volume in volumes:
+        name = os.path.splitext(os.path.basename(volume))[0]
+        packed, nrrd = os.path.join(out, name + ".vxr"), os.path.join(out, name + "-value.nrrd")
+        if not os.path.exists(packed):
+            subprocess.run([voxrole, "prepare", volume, "-o", packed], check=True, capture_output=True)
+            subprocess.run([voxrole, "export", packed, "--field", "value", "-o", nrrd], check=True, capture_output=True)
+        regions = regions_of(view, packed)
+        typed = []
+        for (low, high), (weakest, strongest), rgb, alpha in regions:
+            colour = "".join(f"{round(255 * channel):02x}" for channel in rgb)
+            typed += ["--region", f"{low}:{high},{weakest}:{strongest},{colour},{alpha}"]
+        peer = Vtk(nrrd, regions)
+        peer.draw(0, 0)
+        ours, theirs = [], []
+        for turn in range(ROUNDS):
+            camera = (30 + 15 * turn, 20)
+            ours.append(drawn(view, packed, os.path.join(out, name + ".png"), *camera, typed, []))
+            theirs.append(peer.draw(*camera))
+        peer.save(os.path.join(out, name + "-vtk.png"))
+        ratio = statistics.median(other / own for own, other in zip(ours, theirs))
+        print(f"{name} | {statistics.median(ours):.3f} | {statistics.median(theirs):.3f} | {ratio:.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
