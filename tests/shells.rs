@@ -34,9 +34,10 @@ fn shells() -> Shells {
 
 fn state(gradient: [f32; 2], emphasis: BoundaryEmphasis) -> ViewState {
     let mut state = ViewState::default();
-    let region = Region { value: [-0.5, 1.5], gradient, color: [1.0, 0.5, 0.2], opacity: 1.0, softness: 0.0 };
+    let region =
+        Region { value: [-0.5, 1.5], gradient, color: [1.0, 0.5, 0.2], opacity: 1.0, softness: 0.0, emphasis: None };
     state.transfer_function.regions = vec![region];
-    state.transfer_function.emphasis = emphasis;
+    state.transfer_function.emphasis = emphasis.into();
     state.render_settings.image_size = [128, 128];
     state
 }

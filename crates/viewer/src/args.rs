@@ -8,7 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::color::parse_color;
-use crate::state::{BoundaryEmphasis, Camera, Region};
+use crate::state::{Camera, Region, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -65,12 +65,18 @@ pub struct RenderArgs {
     #[arg(long, value_name = "AZIMUTH,ELEVATION[,ZOOM[,ROLL]]", allow_hyphen_values = true)]
     pub camera: Option<Camera>,
     /// Opacity by distance to the boundary: linear, concave or convex, the opacity on the boundary itself, the
-    /// distance where it ends in multiples of the smallest voxel spacing, and the exponent.
-    #[arg(long, value_name = "KIND,a,dc,n")]
-    pub alpha: Option<BoundaryEmphasis>,
+    /// distance where it ends in multiples of the smallest voxel spacing, and the exponent; another one behind a slash is
+    /// that of the side with lower values.
+    #[arg(long, value_name = "KIND,a,dc,n[/KIND,a,dc,n]")]
+    pub alpha: Option<TwoSidedEmphasis>,
     /// Draw the boundaries with these values and gradient magnitudes in this colour; may be given several times.
-    /// Without any, regions are proposed from the histogram and printed in this form.
-    #[arg(long = "region", value_name = "v0:v1,g0:g1,RRGGBB[,opacity[,softness]]", allow_hyphen_values = true)]
+    /// Without any, regions are proposed from the histogram and printed in this form. Behind an @ stands the opacity by
+    /// distance of this region alone, as for --alpha.
+    #[arg(
+        long = "region",
+        value_name = "v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]",
+        allow_hyphen_values = true
+    )]
     pub regions: Vec<Region>,
     /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
     #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]

@@ -6,7 +6,8 @@
 use glam::{Mat3, Vec2, Vec3};
 use voxrole_pack::DistanceQuantization;
 
-use crate::state::{BoundaryEmphasis, Camera, CameraPreset, Projection, Shading, ViewAxes, ViewState};
+use crate::classify::EmphasisTable;
+use crate::state::{Camera, CameraPreset, Projection, Shading, ViewAxes, ViewState};
 use crate::volume::VolumeDescription;
 
 /// Everything that a ray marcher needs beside texels and opacity table.
@@ -30,8 +31,9 @@ pub struct Frame {
     pub termination_opacity: f32,
     /// What one step of a stored distance amounts to.
     pub distance_scale: f32,
-    /// αd, `d_c` in multiples of `L_min` like every length here.
-    pub emphasis: BoundaryEmphasis,
+    /// The largest stored |d| with which a voxel can be drawn somewhere in its cell, where its plane's distance changes by
+    /// the cell's diagonal at most, and a little for rounding.
+    pub reach: f32,
     /// Unit vector towards the light.
     pub light: Vec3,
     /// How surfaces answer to it.
@@ -73,7 +75,7 @@ impl Frame {
 
     /// The numbers for a picture of `image_size` pixels. Settings out of range are brought to the nearest one in range.
     #[must_use]
-    pub fn new(state: &ViewState, volume: &VolumeDescription, image_size: [u32; 2]) -> Self {
+    pub fn new(state: &ViewState, volume: &VolumeDescription, emphases: &EmphasisTable, image_size: [u32; 2]) -> Self {
         let settings = &state.render_settings;
         let spacing = Vec3::from_array(volume.relative_spacing());
         let [box_low, box_high] = drawn_box(volume.dims, spacing);
@@ -85,17 +87,18 @@ impl Frame {
             rotate(&Camera::from_preset(CameraPreset::Front).axes(), axes_from_world)
         };
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
+        let texel_spacing = Vec3::from_array(volume.texel_spacing());
         Self {
             image_size,
             dims: volume.texel_dims(),
-            spacing: Vec3::from_array(volume.texel_spacing()),
+            spacing: texel_spacing,
             box_low,
             box_high,
             rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
             step: within(settings.step, Self::STEP_RANGE, 0.25),
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
             distance_scale: volume.d_max_in_spacings() / steps,
-            emphasis: usable_emphasis(state.transfer_function.emphasis),
+            reach: (emphases.largest_d_c() + texel_spacing.length()) * 1.001,
             light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
             shading: settings.shading,
             background: Vec3::from_array(settings.background),
@@ -112,13 +115,6 @@ impl Frame {
         let origin = rays.origin + right * rays.origin_right + up * rays.origin_up;
         let direction = rays.direction + right * rays.direction_right + up * rays.direction_up;
         Ray { origin, direction: direction / direction.dot(direction).sqrt() }
-    }
-
-    /// The largest stored |d| with which a voxel can be drawn somewhere in its cell, where its plane's distance changes by
-    /// the cell's diagonal at most, and a little for rounding.
-    #[must_use]
-    pub fn reach(&self) -> f32 {
-        (self.emphasis.d_c + self.spacing.length()) * 1.001
     }
 
     /// By how much a ray's parameter grows per unit along each axis; finite.
@@ -195,15 +191,6 @@ fn light_direction(view: &ViewAxes, azimuth: f32, elevation: f32) -> Vec3 {
     (cos_elevation * level + sin_elevation * view.up).normalize_or(-view.forward)
 }
 
-fn usable_emphasis(emphasis: BoundaryEmphasis) -> BoundaryEmphasis {
-    BoundaryEmphasis {
-        kind: emphasis.kind,
-        a: within(emphasis.a, [0.0, 1.0], 1.0),
-        d_c: within(emphasis.d_c, [1e-3, 1e6], 3.0),
-        n: within(emphasis.n, [1.0, 100.0], 3.0),
-    }
-}
-
 fn within(number: f32, [low, high]: [f32; 2], otherwise: f32) -> f32 {
     if number.is_nan() { otherwise } else { number.clamp(low, high) }
 }
@@ -215,6 +202,10 @@ mod tests {
 
     use super::*;
 
+    fn frame_of(state: &ViewState, volume: &VolumeDescription, size: [u32; 2]) -> Frame {
+        Frame::new(state, volume, &EmphasisTable::new(&state.transfer_function), size)
+    }
+
     fn volume(dims: [u32; 3], spacing: [f64; 3]) -> VolumeDescription {
         let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
         let geometry = GridGeometry::axis_aligned(dims, spacing);
@@ -224,12 +215,12 @@ mod tests {
     fn frame_from(preset: CameraPreset, projection: Projection, size: [u32; 2]) -> Frame {
         let camera = Camera { projection, ..Camera::from_preset(preset) };
         let state = ViewState { camera, ..ViewState::default() };
-        Frame::new(&state, &volume([11, 21, 31], [0.5; 3]), size)
+        frame_of(&state, &volume([11, 21, 31], [0.5; 3]), size)
     }
 
     #[test]
     fn lengths_are_multiples_of_the_smallest_spacing() {
-        let frame = Frame::new(&ViewState::default(), &volume([3, 3, 1], [2e-9, 1e-9, 3e-9]), [8, 8]);
+        let frame = frame_of(&ViewState::default(), &volume([3, 3, 1], [2e-9, 1e-9, 3e-9]), [8, 8]);
         assert!((frame.spacing - Vec3::new(2.0, 1.0, 3.0)).length() < 1e-5);
         assert!((frame.box_high - Vec3::new(4.0, 2.0, 1.5)).length() < 1e-5);
         assert!((frame.distance_scale * 32766.0 - 15.0).abs() < 1e-4);
@@ -263,7 +254,7 @@ mod tests {
         // Index axis x runs along the world's −y: the front camera looks along −x of the grid.
         description.world_from_axes = DMat3::from_cols_array_2d(&[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
         let state = ViewState { camera: Camera::from_preset(CameraPreset::Front), ..ViewState::default() };
-        let ray = Frame::new(&state, &description, [9, 9]).ray(4, 4);
+        let ray = frame_of(&state, &description, [9, 9]).ray(4, 4);
         assert!((ray.direction - Vec3::NEG_X).length() < 1e-6, "{ray:?}");
     }
 
@@ -277,9 +268,9 @@ mod tests {
     fn nonsense_settings_are_brought_into_range() {
         let mut state = ViewState::default();
         state.render_settings.step = f32::NAN;
-        state.transfer_function.emphasis.d_c = 0.0;
+        state.transfer_function.emphasis.high.d_c = 0.0;
         state.camera.zoom = 0.0;
-        let frame = Frame::new(&state, &volume([2, 2, 2], [1.0; 3]), [4, 4]);
-        assert!(frame.step > 0.0 && frame.emphasis.d_c > 0.0 && frame.rays.origin.is_finite());
+        let frame = frame_of(&state, &volume([2, 2, 2], [1.0; 3]), [4, 4]);
+        assert!(frame.step > 0.0 && frame.reach > 0.0 && frame.rays.origin.is_finite());
     }
 }

@@ -221,18 +221,18 @@ fn the_boundary_sliders_and_presets_change_the_emphasis_and_the_picture() {
     let slider = harness.get_by_role_and_label(egui::Role::Slider, "a").rect();
     let from = slider.right_center() - vec2(4.0, 0.0);
     drag(&mut harness, PointerButton::Primary, Modifiers::NONE, from, slider.center());
-    let a = harness.state().view.transfer_function.emphasis.a;
+    let a = harness.state().view.transfer_function.emphasis.high.a;
     assert!((0.4..0.6).contains(&a), "{a}");
     assert!(harness.state().preview.pictures() > pictures);
 
     harness.get_by_label("convex, n = 3").click();
     settle(&mut harness);
-    let emphasis = harness.state().view.transfer_function.emphasis;
+    let emphasis = harness.state().view.transfer_function.emphasis.high;
     assert_eq!((emphasis.kind, emphasis.a, emphasis.n), (EmphasisKind::Convex, 1.0, 3.0));
     assert!((emphasis.d_c - 15.0).abs() < 1e-3, "{}", emphasis.d_c);
     harness.get_by_label("linear").click();
     settle(&mut harness);
-    assert_eq!(harness.state().view.transfer_function.emphasis.kind, EmphasisKind::Linear);
+    assert_eq!(harness.state().view.transfer_function.emphasis.low.kind, EmphasisKind::Linear);
 }
 
 #[test]

@@ -93,9 +93,8 @@ impl Occupancy {
     #[must_use]
     pub fn new(volume: &MacrocellRanges, table: &OpacityTable, frame: &Frame) -> Self {
         let lit = table.lit_bins();
-        let reach = frame.reach();
         let can_be_drawn = |ranges: &Ranges| {
-            f32::from(ranges.nearest) * frame.distance_scale < reach && lit.any(ranges.value, ranges.gradient)
+            f32::from(ranges.nearest) * frame.distance_scale < frame.reach && lit.any(ranges.value, ranges.gradient)
         };
         let [nx, _, _] = volume.dims;
         let mut drawn = BitRows::new(volume.dims);

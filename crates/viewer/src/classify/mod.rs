@@ -2,12 +2,14 @@
 
 pub mod blobs;
 pub mod boundary_emphasis;
+pub mod emphasis_table;
 pub mod macrocells;
 pub mod opacity;
 pub mod opacity_correction;
 pub mod region_proposal;
 
 pub use boundary_emphasis::opacity_by_distance;
+pub use emphasis_table::EmphasisTable;
 pub use macrocells::{MacrocellRanges, Occupancy};
 pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;

@@ -16,6 +16,8 @@ pub const GRADIENT_BINS: usize = 512;
 pub struct OpacityTable {
     /// Red, green, blue and αu as shares of 65535; value fastest.
     entries: Vec<[u16; 4]>,
+    /// Which αd goes with each entry: that of the region with the largest opacity there.
+    emphases: Vec<u16>,
 }
 
 impl OpacityTable {
@@ -24,24 +26,36 @@ impl OpacityTable {
     pub fn new(regions: &[Region], value_range: [f64; 2], hit_gradient: HitGradientQuantization) -> Self {
         let mut sums = vec![RegionSum::default(); VALUE_BINS * GRADIENT_BINS];
         let gradient_range = [hit_gradient.low, hit_gradient.high].map(f64::from);
+        let mut own_emphases = 0;
         for region in regions {
+            own_emphases += u16::from(region.emphasis.is_some());
+            let emphasis = if region.emphasis.is_some() { own_emphases } else { 0 };
             let value_weights = axis_weights(region.value, region.softness, value_range, VALUE_BINS);
             let gradient_weights = axis_weights(region.gradient, region.softness, gradient_range, GRADIENT_BINS);
             for (row, &gradient_weight) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradient_weights) {
                 if gradient_weight > 0.0 {
                     for (sum, &value_weight) in row.iter_mut().zip(&value_weights) {
-                        sum.add(region, region.opacity * gradient_weight * value_weight);
+                        sum.add(region, emphasis, region.opacity * gradient_weight * value_weight);
                     }
                 }
             }
         }
-        Self { entries: sums.iter().map(RegionSum::entry).collect() }
+        Self {
+            entries: sums.iter().map(RegionSum::entry).collect(),
+            emphases: sums.iter().map(|sum| sum.emphasis).collect(),
+        }
     }
 
     /// All entries, value fastest, [`VALUE_BINS`] times [`GRADIENT_BINS`] of them.
     #[must_use]
     pub fn entries(&self) -> &[[u16; 4]] {
         &self.entries
+    }
+
+    /// The index of each entry's αd in [`super::EmphasisTable`], in the same order.
+    #[must_use]
+    pub fn emphases(&self) -> &[u16] {
+        &self.emphases
     }
 
     /// Which bins have an opacity at all.
@@ -61,11 +75,12 @@ impl OpacityTable {
     }
 
     /// Red, green, blue and αu for an interpolated value in 0..=65535 (shares of the value range) and a stored
-    /// gradient magnitude; `stored_gradient` is not 0, which means that there is none.
+    /// gradient magnitude, and the index of the αd that goes with them; `stored_gradient` is not 0, which means that there
+    /// is none.
     #[must_use]
-    pub fn look_up(&self, value: f32, stored_gradient: u16) -> [f32; 4] {
+    pub fn look_up(&self, value: f32, stored_gradient: u16) -> ([f32; 4], usize) {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
-        self.entries[bin].map(|share| f32::from(share) / 65535.0)
+        (self.entries[bin].map(|share| f32::from(share) / 65535.0), usize::from(self.emphases[bin]))
     }
 }
 
@@ -133,11 +148,14 @@ struct RegionSum {
     opacity: f32,
     weight: f32,
     color: [f32; 3],
+    emphasis: u16,
 }
 
 impl RegionSum {
-    fn add(&mut self, region: &Region, opacity: f32) {
-        self.opacity = self.opacity.max(opacity);
+    fn add(&mut self, region: &Region, emphasis: u16, opacity: f32) {
+        if opacity > self.opacity {
+            (self.opacity, self.emphasis) = (opacity, emphasis);
+        }
         self.weight += opacity;
         for (sum, channel) in self.color.iter_mut().zip(region.color) {
             *sum += opacity * channel;
@@ -164,13 +182,13 @@ mod tests {
     const VALUE_RANGE: [f64; 2] = [-1000.0, 3000.0];
 
     fn region(value: [f32; 2], gradient: [f32; 2], color: [f32; 3], opacity: f32, softness: f32) -> Region {
-        Region { value, gradient, color, opacity, softness }
+        Region { value, gradient, color, opacity, softness, emphasis: None }
     }
 
     /// The table at physical values.
     fn at(table: &OpacityTable, value: f64, gradient: f32) -> [f32; 4] {
         let share = (value - VALUE_RANGE[0]) / (VALUE_RANGE[1] - VALUE_RANGE[0]);
-        table.look_up((share * 65535.0) as f32, HIT_GRADIENT.encode(gradient))
+        table.look_up((share * 65535.0) as f32, HIT_GRADIENT.encode(gradient)).0
     }
 
     #[test]
@@ -211,6 +229,22 @@ mod tests {
     }
 
     #[test]
+    fn the_most_opaque_of_overlapping_regions_gives_the_opacity_by_distance() {
+        let faint = region([0.0, 1000.0], [10.0, 50.0], [1.0, 0.0, 0.0], 0.2, 0.0);
+        let own = |extent, opacity| Region {
+            emphasis: Some("concave,1,2,7".parse().expect("an emphasis")),
+            ..region(extent, [10.0, 50.0], [0.0, 0.0, 1.0], opacity, 0.0)
+        };
+        let regions = [own([0.0, 300.0], 0.1), faint, own([500.0, 1500.0], 0.6)];
+        let table = OpacityTable::new(&regions, VALUE_RANGE, HIT_GRADIENT);
+        let emphasis = |value: f64| {
+            let share = (value - VALUE_RANGE[0]) / (VALUE_RANGE[1] - VALUE_RANGE[0]);
+            table.look_up((share * 65535.0) as f32, HIT_GRADIENT.encode(30.0)).1
+        };
+        assert_eq!([100.0, 400.0, 750.0, 1250.0].map(emphasis), [0, 0, 2, 2]);
+    }
+
+    #[test]
     fn a_region_narrower_than_a_bin_is_not_lost() {
         let table = OpacityTable::new(
             &[region([501.9, 502.1], [30.04, 30.041], [1.0; 3], 1.0, 0.5)],
@@ -227,7 +261,7 @@ mod tests {
         let hit_gradient = HitGradientQuantization { low: 5.0, high: 5.0, ..HIT_GRADIENT };
         let whole = [region([6.0, 8.0], [4.0, 6.0], [1.0; 3], 1.0, 0.1)];
         let table = OpacityTable::new(&whole, [7.0, 7.0], hit_gradient);
-        assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0))[3], 1.0);
+        assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0)).0[3], 1.0);
     }
 
     #[test]

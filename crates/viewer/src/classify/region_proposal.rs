@@ -59,6 +59,7 @@ pub fn propose_regions(histogram: &Histogram, smallest_spacing: f64) -> Vec<Regi
         color: PALETTE[count - 1 - place].map(|channel| f32::from(channel) / 255.0),
         opacity: opacity(place, count),
         softness: Region::DEFAULT_SOFTNESS,
+        emphasis: None,
     });
     regions.collect()
 }

@@ -10,7 +10,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
+use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
 use crate::frame::{Frame, Ray};
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
@@ -26,6 +26,7 @@ pub const MAX_IMAGE_SIDE: u32 = 16384;
 pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     table: OpacityTable,
+    emphases: EmphasisTable,
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
@@ -65,10 +66,11 @@ impl<'a> RayMarcher<'a> {
         let description = &volume.description;
         let table =
             OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
-        let frame = Frame::new(state, description, image_size);
+        let emphases = EmphasisTable::new(&state.transfer_function);
+        let frame = Frame::new(state, description, &emphases, image_size);
         let leaps = state.render_settings.leaps;
         let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
-        Ok(Self { volume, table, frame, occupancy })
+        Ok(Self { volume, table, emphases, frame, occupancy })
     }
 
     /// Draws the picture, rows in parallel.
@@ -105,14 +107,18 @@ impl<'a> RayMarcher<'a> {
     /// Opacity, colour and normal at a place in index coordinates.
     #[must_use]
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
-        let sampler = Sampler::new(self.volume, &self.table, &self.frame);
+        let sampler = self.sampler();
         sampler.sample(index * self.frame.spacing, &mut CellCache::default())
+    }
+
+    fn sampler(&self) -> Sampler<'_> {
+        Sampler::new(self.volume, &self.table, &self.emphases, &self.frame)
     }
 
     /// Light along a ray, front to back: colour premultiplied by opacity, and opacity.
     fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> Vec4 {
         let frame = &self.frame;
-        let sampler = Sampler::new(self.volume, &self.table, frame);
+        let sampler = self.sampler();
         let mut cache = CellCache::default();
         let leaping = LeapingRay::new(frame, ray);
         let [entry, exit] = frame.intersect_box(ray);

@@ -3,7 +3,7 @@
 //! The rule, at a place `p` in a cell of eight voxels with trilinear weights `w_i`: the value is interpolated,
 //! `v = Σ w_i v_i`. Every voxel with a hit predicts the signed distance at `p` by its own plane,
 //! `d_i(p) = d_i + n_i · (p − x_i)`, because d grows along the normal towards the high-value side, and gives
-//! `α_i = αu(v, g_i) · αd(|d_i(p)|)` with its own gradient magnitude at the hit. Then `α = Σ w_i α_i`, and colour and
+//! `α_i = αu(v, g_i) · αd(d_i(p))` with its own gradient magnitude at the hit. Then `α = Σ w_i α_i`, and colour and
 //! normal are the means weighted by `w_i α_i`.
 //!
 //! Distances are never interpolated, so that +m beside −m on the medial surface between two boundaries does not pass
@@ -13,7 +13,7 @@
 use glam::{UVec3, Vec3};
 use voxrole_pack::quantization::decode_normal;
 
-use crate::classify::{OpacityTable, opacity_by_distance};
+use crate::classify::{EmphasisTable, OpacityTable};
 use crate::frame::Frame;
 use crate::volume::VolumeTexels;
 
@@ -44,16 +44,20 @@ struct Cell {
 pub struct Sampler<'a> {
     volume: &'a VolumeTexels,
     table: &'a OpacityTable,
+    emphases: &'a EmphasisTable,
     frame: &'a Frame,
-    /// See [`Frame::reach`].
-    reach: f32,
 }
 
 impl<'a> Sampler<'a> {
     /// Makes ready; costs nothing.
     #[must_use]
-    pub fn new(volume: &'a VolumeTexels, table: &'a OpacityTable, frame: &'a Frame) -> Self {
-        Self { volume, table, frame, reach: frame.reach() }
+    pub fn new(
+        volume: &'a VolumeTexels,
+        table: &'a OpacityTable,
+        emphases: &'a EmphasisTable,
+        frame: &'a Frame,
+    ) -> Self {
+        Self { volume, table, emphases, frame }
     }
 
     /// The sample at a place in the frame's space.
@@ -88,8 +92,9 @@ impl<'a> Sampler<'a> {
             self.volume.texels[(voxel.z * dims.y as usize + voxel.y) * dims.x as usize + voxel.x]
         });
         // A plane's distance changes within the cell by no more than the cell's diagonal.
-        let is_active =
-            texels.iter().any(|&texel| VolumeTexels::has_hit(texel) && self.stored_distance(texel).abs() < self.reach);
+        let is_active = texels
+            .iter()
+            .any(|&texel| VolumeTexels::has_hit(texel) && self.stored_distance(texel).abs() < self.frame.reach);
         *cache.0.insert(Cell { base, texels, is_active })
     }
 
@@ -107,14 +112,14 @@ impl<'a> Sampler<'a> {
             if weight == 0.0 || !VolumeTexels::has_hit(texel) {
                 continue;
             }
-            let [red, green, blue, opacity_by_role] = self.table.look_up(value, texel[2]);
+            let ([red, green, blue, opacity_by_role], emphasis) = self.table.look_up(value, texel[2]);
             if opacity_by_role == 0.0 {
                 continue;
             }
             let corner_normal = decode_normal(texel[3]).unwrap_or(Vec3::ZERO);
             let offset = (fraction - corner.as_vec3()) * self.frame.spacing;
             let distance = self.stored_distance(texel) + corner_normal.dot(offset);
-            let share = weight * (opacity_by_role * opacity_by_distance(&self.frame.emphasis, distance.abs()));
+            let share = weight * (opacity_by_role * self.emphases.look_up(emphasis, distance));
             opacity += share;
             color += share * Vec3::new(red, green, blue);
             normal += share * corner_normal;

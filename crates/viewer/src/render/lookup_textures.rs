@@ -6,10 +6,11 @@ use wgpu::{
 };
 
 use super::gpu::Gpu;
+use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
-use crate::classify::{MacrocellRanges, Occupancy, OpacityTable};
+use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable};
 use crate::frame::Frame;
-use crate::state::{BoundaryEmphasis, Region, ViewState};
+use crate::state::{Region, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 const TABLE_SIZE: Extent3d =
@@ -19,10 +20,14 @@ const TABLE_SIZE: Extent3d =
 pub struct LookupTextures {
     opacity_table: Texture,
     occupancy: Texture,
+    emphases: Texture,
+    emphasis_table: Texture,
     ranges: MacrocellRanges,
     table: Option<(Vec<Region>, OpacityTable)>,
-    /// What the occupancy is that of, beside the table.
-    drawn: Option<(BoundaryEmphasis, bool)>,
+    /// What the emphasis table holds.
+    numbers: Vec<f32>,
+    /// What the occupancy is that of, beside the table: how far boundaries reach, and whether rays leap at all.
+    drawn: Option<(f32, bool)>,
 }
 
 impl LookupTextures {
@@ -35,14 +40,33 @@ impl LookupTextures {
             // Integers, so that the CPU's table reads the same to the last bit.
             opacity_table: texture(gpu, "opacity table", TABLE_SIZE, TextureDimension::D2, TextureFormat::Rgba16Uint),
             occupancy: texture(gpu, "occupancy", size, TextureDimension::D3, TextureFormat::R8Uint),
+            emphases: texture(gpu, "emphases", TABLE_SIZE, TextureDimension::D2, TextureFormat::R16Uint),
+            emphasis_table: emphasis_texture(gpu, 2),
             ranges,
             table: None,
+            numbers: Vec::new(),
             drawn: None,
         }
     }
 
-    /// Brings the textures up to date.
-    pub fn update(&mut self, gpu: &Gpu, state: &ViewState, volume: &VolumeDescription, frame: &Frame) {
+    /// Brings the textures up to date; whether one of them is another than before.
+    pub fn update(
+        &mut self,
+        gpu: &Gpu,
+        state: &ViewState,
+        volume: &VolumeDescription,
+        emphases: &EmphasisTable,
+        frame: &Frame,
+    ) -> bool {
+        let rows = (emphases.numbers().len() / ROW) as u32;
+        let is_other = self.emphasis_table.height() != rows;
+        if is_other {
+            self.emphasis_table = emphasis_texture(gpu, rows);
+        }
+        if self.numbers != emphases.numbers() {
+            write(gpu, &self.emphasis_table, bytemuck::cast_slice(emphases.numbers()));
+            self.numbers = emphases.numbers().to_vec();
+        }
         let regions = &state.transfer_function.regions;
         let kept = self.table.take().filter(|(of, _)| of == regions);
         let is_new = kept.is_none();
@@ -52,8 +76,9 @@ impl LookupTextures {
             }));
         if is_new {
             write(gpu, &self.opacity_table, bytemuck::cast_slice(table.entries()));
+            write(gpu, &self.emphases, bytemuck::cast_slice(table.emphases()));
         }
-        let drawn = Some((frame.emphasis, state.render_settings.leaps));
+        let drawn = Some((frame.reach, state.render_settings.leaps));
         if is_new || self.drawn != drawn {
             if state.render_settings.leaps {
                 write(gpu, &self.occupancy, Occupancy::new(&self.ranges, table, frame).distances());
@@ -62,17 +87,19 @@ impl LookupTextures {
             }
             self.drawn = drawn;
         }
+        is_other
     }
 
-    /// The opacity table, as a shader reads it.
-    pub fn opacity_table(&self) -> TextureView {
-        self.opacity_table.create_view(&TextureViewDescriptor::default())
+    /// The opacity table, the distances of macrocells, which αd goes with which entry, and αd, as shaders read them.
+    pub fn views(&self) -> [TextureView; 4] {
+        [&self.opacity_table, &self.occupancy, &self.emphases, &self.emphasis_table]
+            .map(|texture| texture.create_view(&TextureViewDescriptor::default()))
     }
+}
 
-    /// The distance of every macrocell from one in which something can be drawn, as a shader reads it.
-    pub fn occupancy(&self) -> TextureView {
-        self.occupancy.create_view(&TextureViewDescriptor::default())
-    }
+fn emphasis_texture(gpu: &Gpu, height: u32) -> Texture {
+    let size = Extent3d { width: ROW as u32, height, depth_or_array_layers: 1 };
+    texture(gpu, "emphasis table", size, TextureDimension::D2, TextureFormat::R32Float)
 }
 
 fn texture(gpu: &Gpu, label: &str, size: Extent3d, dimension: TextureDimension, format: TextureFormat) -> Texture {

@@ -41,6 +41,15 @@ impl RayMarch {
                 entry(1, integer_texture(TextureViewDimension::D3)),
                 entry(2, integer_texture(TextureViewDimension::D2)),
                 entry(3, integer_texture(TextureViewDimension::D3)),
+                entry(4, integer_texture(TextureViewDimension::D2)),
+                entry(
+                    5,
+                    BindingType::Texture {
+                        sample_type: TextureSampleType::Float { filterable: false },
+                        view_dimension: TextureViewDimension::D2,
+                        multisampled: false,
+                    },
+                ),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -54,7 +63,7 @@ impl RayMarch {
 
     /// Binds a volume and what is made of it.
     pub fn bind(&self, gpu: &Gpu, volume: &TextureView, lookup_textures: &LookupTextures) -> BindGroup {
-        let (opacity_table, occupancy) = (lookup_textures.opacity_table(), lookup_textures.occupancy());
+        let [opacity_table, occupancy, emphases, emphasis_table] = lookup_textures.views();
         gpu.device.create_bind_group(&BindGroupDescriptor {
             label: Some("ray march"),
             layout: &self.layout,
@@ -63,6 +72,8 @@ impl RayMarch {
                 BindGroupEntry { binding: 1, resource: BindingResource::TextureView(volume) },
                 BindGroupEntry { binding: 2, resource: BindingResource::TextureView(&opacity_table) },
                 BindGroupEntry { binding: 3, resource: BindingResource::TextureView(&occupancy) },
+                BindGroupEntry { binding: 4, resource: BindingResource::TextureView(&emphases) },
+                BindGroupEntry { binding: 5, resource: BindingResource::TextureView(&emphasis_table) },
             ],
         })
     }

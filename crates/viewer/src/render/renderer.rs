@@ -11,6 +11,7 @@ use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::VolumeTextures;
 use crate::Result;
+use crate::classify::EmphasisTable;
 use crate::frame::Frame;
 use crate::state::ViewState;
 use crate::volume::{VolumeDescription, VolumeTexels};
@@ -19,6 +20,7 @@ use crate::volume::{VolumeDescription, VolumeTexels};
 pub struct Renderer {
     gpu: Gpu,
     volume: VolumeDescription,
+    volume_textures: VolumeTextures,
     lookup_textures: LookupTextures,
     ray_march: RayMarch,
     bind_group: BindGroup,
@@ -36,7 +38,8 @@ impl Renderer {
             let lookup_textures = LookupTextures::new(gpu, volume);
             let ray_march = RayMarch::new(gpu);
             let bind_group = ray_march.bind(gpu, volume_textures.view(), &lookup_textures);
-            Self { gpu: gpu.clone(), volume: volume.description.clone(), lookup_textures, ray_march, bind_group }
+            let volume = volume.description.clone();
+            Self { gpu: gpu.clone(), volume, volume_textures, lookup_textures, ray_march, bind_group }
         })
     }
 
@@ -65,8 +68,11 @@ impl Renderer {
     /// When `rows` reach beyond the target.
     pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) {
         let gpu = &self.gpu;
-        let frame = Frame::new(state, &self.volume, target.size());
-        self.lookup_textures.update(gpu, state, &self.volume, &frame);
+        let emphases = EmphasisTable::new(&state.transfer_function);
+        let frame = Frame::new(state, &self.volume, &emphases, target.size());
+        if self.lookup_textures.update(gpu, state, &self.volume, &emphases, &frame) {
+            self.bind_group = self.ray_march.bind(gpu, self.volume_textures.view(), &self.lookup_textures);
+        }
         self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));
         let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("picture") });
         self.ray_march.record(&mut encoder, &self.bind_group, target, rows);

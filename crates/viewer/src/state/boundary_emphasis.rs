@@ -1,4 +1,4 @@
-//! How opaque a voxel is by its distance to the boundary: the settings of αd(d).
+//! How opaque a voxel is by its distance to the boundary: the settings of αd(d), alike on both sides or not.
 
 use std::fmt;
 use std::str::FromStr;
@@ -98,6 +98,49 @@ impl fmt::Display for BoundaryEmphasis {
     }
 }
 
+/// αd on the two sides of a boundary, which signed distances tell apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TwoSidedEmphasis {
+    /// Where values are higher and distances positive, and on the boundary itself.
+    pub high: BoundaryEmphasis,
+    /// Where values are lower and distances negative.
+    pub low: BoundaryEmphasis,
+}
+
+impl TwoSidedEmphasis {
+    /// The side of a signed distance.
+    #[must_use]
+    pub fn side(&self, distance: f32) -> &BoundaryEmphasis {
+        if distance < 0.0 { &self.low } else { &self.high }
+    }
+}
+
+impl From<BoundaryEmphasis> for TwoSidedEmphasis {
+    /// Both sides alike.
+    fn from(emphasis: BoundaryEmphasis) -> Self {
+        Self { high: emphasis, low: emphasis }
+    }
+}
+
+impl FromStr for TwoSidedEmphasis {
+    type Err = ParseError;
+
+    /// One αd for both sides, or `HIGH/LOW`.
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        match text.split_once('/') {
+            Some((high, low)) => Ok(Self { high: high.parse()?, low: low.parse()? }),
+            None => text.parse::<BoundaryEmphasis>().map(Self::from),
+        }
+    }
+}
+
+impl fmt::Display for TwoSidedEmphasis {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { high, low } = self;
+        if high == low { write!(formatter, "{high}") } else { write!(formatter, "{high}/{low}") }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +155,10 @@ mod tests {
             ["", "concave", "cubic,1,3,3", "concave,1.1,3,3", "concave,1,0,3", "concave,1,3,0.5", "concave,1,x,3"]
         {
             assert!(wrong.parse::<BoundaryEmphasis>().is_err(), "{wrong}");
+            assert!(format!("concave,1,3,3/{wrong}").parse::<TwoSidedEmphasis>().is_err(), "{wrong}");
+        }
+        for text in ["convex,0.5,2.5,4", "convex,0.5,2.5,4/linear,0.1,15,1"] {
+            assert_eq!(text.parse::<TwoSidedEmphasis>().expect("is understood").to_string(), text);
         }
     }
 }

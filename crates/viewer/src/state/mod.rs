@@ -12,7 +12,7 @@ pub mod transfer_function;
 
 use serde::{Deserialize, Serialize};
 
-pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind};
+pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
 pub use region::Region;
 pub use render_settings::{Light, RenderSettings, Shading};

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::color::{format_color, parse_color};
-use super::{ParseError, parse_number};
+use super::{ParseError, TwoSidedEmphasis, parse_number};
 
 /// A rectangle of value and gradient magnitude at the hit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +21,8 @@ pub struct Region {
     pub opacity: f32,
     /// Share of each extent over which the opacity fades to zero, at both ends and inwards; 0 to 0.5.
     pub softness: f32,
+    /// Opacity by distance of its boundaries alone.
+    pub emphasis: Option<TwoSidedEmphasis>,
 }
 
 impl Region {
@@ -31,9 +33,13 @@ impl Region {
 impl FromStr for Region {
     type Err = ParseError;
 
-    /// `v0:v1,g0:g1,RRGGBB[,opacity[,softness]]`; opacity 1 where none is given.
+    /// `v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]`; opacity 1 where none is given.
     fn from_str(text: &str) -> Result<Self, ParseError> {
-        let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+        let (region, emphasis) = match text.split_once('@') {
+            Some((region, emphasis)) => (region, Some(emphasis.parse()?)),
+            None => (text, None),
+        };
+        let parts: Vec<&str> = region.split(',').map(str::trim).collect();
         let [value, gradient, color, rest @ ..] = parts.as_slice() else {
             return Err(usage(text));
         };
@@ -49,6 +55,7 @@ impl FromStr for Region {
             color: parse_color(color)?,
             opacity: parse_number(opacity, "opacity")?,
             softness: softness.map_or(Ok(Self::DEFAULT_SOFTNESS), |softness| parse_number(softness, "softness"))?,
+            emphasis,
         };
         if !(0.0..=1.0).contains(&region.opacity) {
             return Err(ParseError(format!("opacity {} is not between 0 and 1", region.opacity)));
@@ -61,7 +68,9 @@ impl FromStr for Region {
 }
 
 fn usage(text: &str) -> ParseError {
-    ParseError(format!("`{text}` is not v0:v1,g0:g1,RRGGBB[,opacity[,softness]] such as 80:255,10:40,E69F00,0.5"))
+    ParseError(format!(
+        "`{text}` is not v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n] such as 80:255,10:40,E69F00,0.5"
+    ))
 }
 
 fn parse_range(text: &str, what: &str) -> Result<[f32; 2], ParseError> {
@@ -81,6 +90,9 @@ impl fmt::Display for Region {
         if self.softness != Self::DEFAULT_SOFTNESS {
             write!(formatter, ",{}", self.softness)?;
         }
+        if let Some(emphasis) = self.emphasis {
+            write!(formatter, "@{emphasis}")?;
+        }
         Ok(())
     }
 }
@@ -91,7 +103,13 @@ mod tests {
 
     #[test]
     fn typed_forms_survive_the_round_trip() {
-        for text in ["-1000:250.5,0:1e-3,FF8000", "1:2,3:4,00ff00,0.25", "1:2,3:4,00ff00,0.25,0.3"] {
+        for text in [
+            "-1000:250.5,0:1e-3,FF8000",
+            "1:2,3:4,00ff00,0.25",
+            "1:2,3:4,00ff00,0.25,0.3",
+            "1:2,3:4,00ff00@concave,1,2,7",
+            "1:2,3:4,00ff00,0.5,0.2@concave,1,2,7/linear,0.2,4",
+        ] {
             let region: Region = text.parse().expect("a region");
             assert_eq!(region.to_string().parse(), Ok(region), "{text}");
         }
@@ -107,5 +125,6 @@ mod tests {
         }
         assert!("1:2,3:4,00ff00,1,0.6".parse::<Region>().is_err());
         assert!("1:nan,3:4,00ff00".parse::<Region>().is_err());
+        assert!("1:2,3:4,00ff00@cubic,1,2,7".parse::<Region>().is_err());
     }
 }

@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{BoundaryEmphasis, Region};
+use super::{Region, TwoSidedEmphasis};
 
 /// Regions of (v, g) that make αu and the colour, and αd.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TransferFunction {
     /// The selected regions; where several overlap the largest opacity counts and colours mix by opacity.
     pub regions: Vec<Region>,
-    /// Opacity by distance.
-    pub emphasis: BoundaryEmphasis,
+    /// Opacity by distance, for the regions that have none of their own.
+    pub emphasis: TwoSidedEmphasis,
 }

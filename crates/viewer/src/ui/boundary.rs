@@ -3,14 +3,34 @@
 use egui::{Slider, Ui};
 
 use super::form::{rows, slider_row};
-use crate::state::{BoundaryEmphasis, EmphasisKind};
+use crate::state::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 
 /// Largest exponent of the slider.
 const MOST_N: f32 = 16.0;
 
-/// Kind, opacity on the boundary, reach and exponent, and the paper's five settings; `d_max` in multiples of the
-/// smallest voxel spacing.
-pub fn boundary_ui(ui: &mut Ui, emphasis: &mut BoundaryEmphasis, d_max: f32) {
+/// The settings of αd, once for both sides or for each; `d_max` in multiples of the smallest voxel spacing.
+pub fn boundary_ui(ui: &mut Ui, emphasis: &mut TwoSidedEmphasis, d_max: f32) {
+    let id = ui.scope_id().with("each side");
+    let mut each_side = emphasis.high != emphasis.low || ui.data(|data| data.get_temp(id)).unwrap_or(false);
+    let checkbox = ui.checkbox(&mut each_side, "Each side its own");
+    if checkbox.on_hover_text("Another opacity where values are higher than where they are lower").changed() {
+        ui.data_mut(|data| data.insert_temp(id, each_side));
+    }
+    if each_side {
+        for (name, side) in
+            [("High-value side, d > 0", &mut emphasis.high), ("Low-value side, d < 0", &mut emphasis.low)]
+        {
+            ui.weak(name);
+            ui.push_id(name, |ui| side_ui(ui, side, d_max));
+        }
+    } else {
+        side_ui(ui, &mut emphasis.high, d_max);
+        emphasis.low = emphasis.high;
+    }
+}
+
+/// Kind, opacity on the boundary, reach and exponent, and the paper's five settings.
+fn side_ui(ui: &mut Ui, emphasis: &mut BoundaryEmphasis, d_max: f32) {
     ui.horizontal(|ui| {
         for kind in EmphasisKind::ALL {
             ui.selectable_value(&mut emphasis.kind, kind, kind.name()).on_hover_text(formula(kind));

@@ -78,6 +78,7 @@ impl HistogramPanel {
             color: color.map(|channel| f32::from(channel) / 255.0),
             opacity: 0.5,
             softness: Region::DEFAULT_SOFTNESS,
+            emphasis: None,
         }
     }
 }

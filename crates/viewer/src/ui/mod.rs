@@ -21,7 +21,7 @@ pub mod viewport;
 use eframe::egui_wgpu::RenderState;
 use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
 
-use crate::state::{TransferFunction, ViewState};
+use crate::state::{Region, TransferFunction, TwoSidedEmphasis, ViewState};
 use crate::volume::VolumeTexels;
 use finer_levels::FinerLevels;
 use form::section;
@@ -130,9 +130,27 @@ fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     });
     section(ui, "Opacity by distance to the boundary, αd(d)", |ui| {
         let smallest_spacing = volume.description.smallest_spacing();
+        let emphasis = selected_emphasis(ui, regions, histogram.selected, emphasis);
         distance_histogram::distance_histogram_ui(ui, &volume.distance, smallest_spacing, emphasis);
         boundary::boundary_ui(ui, emphasis, volume.description.d_max_in_spacings());
     });
+}
+
+/// The αd that is shown: that of the selected region, if it has its own, or else that of all others.
+fn selected_emphasis<'a>(
+    ui: &mut Ui,
+    regions: &'a mut [Region],
+    selected: Option<usize>,
+    shared: &'a mut TwoSidedEmphasis,
+) -> &'a mut TwoSidedEmphasis {
+    let Some(index) = selected.filter(|&index| index < regions.len()) else { return shared };
+    let own = &mut regions[index].emphasis;
+    let mut has_own = own.is_some();
+    let checkbox = ui.checkbox(&mut has_own, format!("Region {} has its own", index + 1));
+    if checkbox.on_hover_text("Its boundaries alone; all others share one").changed() {
+        *own = has_own.then_some(*shared);
+    }
+    own.as_mut().unwrap_or(shared)
 }
 
 fn status_ui(ui: &mut Ui, window: &ViewerWindow) {

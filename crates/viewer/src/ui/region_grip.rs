@@ -114,7 +114,7 @@ mod tests {
     }
 
     fn region(value: [f32; 2], gradient: [f32; 2]) -> Region {
-        Region { value, gradient, color: [1.0; 3], opacity: 1.0, softness: 0.1 }
+        Region { value, gradient, color: [1.0; 3], opacity: 1.0, softness: 0.1, emphasis: None }
     }
 
     #[test]

@@ -32,9 +32,37 @@ fn gpu_and_cpu_agree_for_every_kind_of_emphasis() {
     for (name, emphasis) in BoundaryEmphasis::figure_9(15.0) {
         let mut state = phantom.state(Camera::default());
         state.render_settings.image_size = [64, 64];
-        state.transfer_function.emphasis = emphasis;
+        state.transfer_function.emphasis = emphasis.into();
         compare(&gpu, name, &phantom, &state);
     }
+}
+
+#[test]
+fn gpu_and_cpu_agree_where_sides_and_regions_have_an_emphasis_of_their_own() {
+    let Some(gpu) = gpu_or_skip("gpu_and_cpu_agree_where_sides_and_regions_have_an_emphasis_of_their_own") else {
+        return;
+    };
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    let mut state = phantom.state(Camera::default());
+    state.render_settings.image_size = [64, 64];
+    let target = Target::new(&gpu, [64, 64]).expect("a target");
+    let mut renderer = Renderer::new(&gpu, &volume).expect("a renderer");
+    let mut pictures = Vec::new();
+    for (shared, own) in [
+        ("concave,1,3,3", None),
+        ("concave,1,3,3/linear,0.2,8", None),
+        ("concave,1,3,3/linear,0.2,8", Some("convex,0.6,2,4")),
+        ("concave,1,3,3", Some("convex,0.6,2,4/concave,0.5,6,2")),
+    ] {
+        state.transfer_function.emphasis = shared.parse().expect("an emphasis");
+        state.transfer_function.regions[0].emphasis = own.map(|own| own.parse().expect("an emphasis"));
+        renderer.draw(&state, &target);
+        pictures.push(target.read_back(&gpu).expect("a picture"));
+        let name = format!("{shared} {own:?}");
+        assert_same(&name, &draw_on_cpu(&volume, &state), &pictures[pictures.len() - 1]);
+    }
+    assert!((1..pictures.len()).all(|picture| pictures[picture] != pictures[picture - 1]));
 }
 
 #[test]

@@ -142,6 +142,7 @@ pub fn region_at(gradient: f64, opacity: f32, color: [f32; 3]) -> Region {
         color,
         opacity,
         softness: 0.0,
+        emphasis: None,
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use voxrole_pack::quantization::decode_normal;
 use voxrole_viewer::VolumeTexels;
-use voxrole_viewer::classify::{OpacityTable, opacity_by_distance};
+use voxrole_viewer::classify::{EmphasisTable, OpacityTable};
 use voxrole_viewer::frame::Frame;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, EmphasisKind};
@@ -11,7 +11,13 @@ use voxrole_viewer::state::{BoundaryEmphasis, Camera, EmphasisKind};
 use crate::phantom::{Phantom, SHELLS};
 
 /// The rule as written, over all eight voxels.
-fn naive_opacity(volume: &VolumeTexels, table: &OpacityTable, frame: &Frame, index: Vec3) -> f32 {
+fn naive_opacity(
+    volume: &VolumeTexels,
+    table: &OpacityTable,
+    emphases: &EmphasisTable,
+    frame: &Frame,
+    index: Vec3,
+) -> f32 {
     let dims = volume.description.dims;
     let last = Vec3::from_array(dims.map(|dim| (dim - 1) as f32));
     let index = (index * frame.spacing * frame.spacing.recip()).clamp(Vec3::ZERO, last);
@@ -34,8 +40,8 @@ fn naive_opacity(volume: &VolumeTexels, table: &OpacityTable, frame: &Frame, ind
         let normal = decode_normal(texel[3]).unwrap_or(Vec3::ZERO);
         let distance =
             f32::from(texel[1] as i16) * frame.distance_scale + normal.dot((fraction - offset) * frame.spacing);
-        let by_role = table.look_up(value, texel[2])[3];
-        sum + weight * (by_role * opacity_by_distance(&frame.emphasis, distance.abs()))
+        let ([.., by_role], emphasis) = table.look_up(value, texel[2]);
+        sum + weight * (by_role * emphases.look_up(emphasis, distance))
     });
     opacity.min(1.0)
 }
@@ -54,9 +60,11 @@ fn early_outs_change_nothing() {
         (random >> 40) as f32 / (1 << 24) as f32
     };
     for (kind, d_c) in [(EmphasisKind::Linear, 0.5), (EmphasisKind::Concave, 3.0), (EmphasisKind::Convex, 15.0)] {
-        state.transfer_function.emphasis = BoundaryEmphasis { kind, a: 0.9, d_c, n: 3.0 };
+        state.transfer_function.emphasis.high = BoundaryEmphasis { kind, a: 0.9, d_c, n: 3.0 };
+        state.transfer_function.regions[1].emphasis = Some(BoundaryEmphasis::default().into());
         let marcher = RayMarcher::new(&volume, &state, [8, 8]).expect("a size");
-        let frame = Frame::new(&state, &volume.description, [8, 8]);
+        let emphases = EmphasisTable::new(&state.transfer_function);
+        let frame = Frame::new(&state, &volume.description, &emphases, [8, 8]);
         let description = &volume.description;
         let table =
             OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
@@ -66,7 +74,7 @@ fn early_outs_change_nothing() {
             let mut index = Vec3::new(next(), next(), next()) * 65.0 - 1.0;
             index = if next() < 0.1 { index.round() } else { index };
             let opacity = marcher.opacity_at(index);
-            let naive = naive_opacity(&volume, &table, &frame, index);
+            let naive = naive_opacity(&volume, &table, &emphases, &frame, index);
             assert!(opacity.to_bits() == naive.to_bits(), "{opacity} is not {naive} at {index}");
             lit += usize::from(opacity > 0.0);
         }

@@ -15,7 +15,7 @@ const BACKGROUND: [u8; 4] = [0, 0, 0, 255];
 fn opaque_state(phantom: &Phantom, emphasis: BoundaryEmphasis) -> ViewState {
     let mut state = phantom.state(Camera::default());
     state.transfer_function.regions.iter_mut().for_each(|region| region.opacity = 1.0);
-    state.transfer_function.emphasis = emphasis;
+    state.transfer_function.emphasis = emphasis.into();
     state
 }
 
@@ -103,7 +103,8 @@ fn a_gradient_between_the_two_lights_nothing() {
     let mut state = phantom.state(Camera::default());
     let between = 0.5 * (SHELLS[0].gradient() + SHELLS[1].gradient());
     state.transfer_function.regions = vec![region_at(between, 1.0, [1.0; 3])];
-    state.transfer_function.emphasis.d_c = 15.0;
+    state.transfer_function.emphasis.high.d_c = 15.0;
+    state.transfer_function.emphasis.low.d_c = 15.0;
     let volume = phantom.texels();
     assert_eq!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND), 0.0);
     // The test can fail: the same region at one of the two lights a good part of the picture.

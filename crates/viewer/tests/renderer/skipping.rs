@@ -29,7 +29,7 @@ fn scenes() -> Vec<(Phantom, ViewState)> {
     for phantom in [Phantom::ball(), Phantom::concentric_shells(), uneven, flat] {
         for (camera, emphasis) in cameras.into_iter().zip([THIN, BoundaryEmphasis::default(), THIN, THIN]) {
             let mut state = phantom.state(camera);
-            state.transfer_function.emphasis = emphasis;
+            state.transfer_function.emphasis = emphasis.into();
             // Not all of the value's range, so that values count, too.
             state.transfer_function.regions[0].value[0] += 1.0;
             scenes.push((phantom.clone(), state));
@@ -75,7 +75,7 @@ fn leaping_and_ending_early_save_most_samples() {
     let phantom = Phantom::concentric_shells();
     let volume = phantom.texels();
     let mut state = phantom.state(Camera::default());
-    state.transfer_function.emphasis = THIN;
+    state.transfer_function.emphasis = THIN.into();
     state.transfer_function.regions.iter_mut().for_each(|region| region.opacity = 1.0);
     let (picture, counts) = RayMarcher::new(&volume, &state, [128, 128]).expect("a size").draw_and_count();
     state.render_settings.leaps = false;

@@ -1,29 +1,28 @@
-// Opacity and colour by role: the twins of classify/opacity.rs, boundary_emphasis.rs and opacity_correction.rs.
+// Opacity and colour by role: the twins of classify/opacity.rs, emphasis_table.rs and opacity_correction.rs.
 
-const LINEAR: u32 = 0u;
-const CONVEX: u32 = 2u;
 const VALUE_BINS: u32 = 1024u;
 const GRADIENT_BINS: u32 = 512u;
+const INTERVALS: f32 = 1024.0;
 
-// Colour and opacity of an interpolated value in 0..=65535 and a stored gradient magnitude, which is not 0.
-fn opacity_by_role(value: f32, stored_gradient: u32) -> vec4<f32> {
+// The bin of an interpolated value in 0..=65535 and a stored gradient magnitude, which is not 0.
+fn role_bin(value: f32, stored_gradient: u32) -> vec2<u32> {
     let value_bin = min(u32(value * (f32(VALUE_BINS) / 65536.0)), VALUE_BINS - 1u);
-    let gradient_bin = (stored_gradient - 1u) * GRADIENT_BINS / 65535u;
-    return vec4<f32>(textureLoad(opacity_table, vec2<u32>(value_bin, gradient_bin), 0)) / 65535.0;
+    return vec2<u32>(value_bin, (stored_gradient - 1u) * GRADIENT_BINS / 65535u);
 }
 
-// Opacity by distance to the boundary, eqs. (7) to (9); 0 from d_c on.
-fn opacity_by_distance(distance: f32) -> f32 {
-    if distance >= frame.emphasis_d_c {
-        return 0.0;
-    }
-    let share = distance / frame.emphasis_d_c;
-    // Without a branch on the kind: Mesa's lavapipe compiles the shader anew for every picture drawn by a shader whose
-    // branches depend on uniforms alone.
-    let is_convex = frame.emphasis_kind == CONVEX;
-    let base = select(1.0 - share, share, is_convex);
-    let power = select(pow(base, frame.emphasis_n), base, frame.emphasis_kind == LINEAR);
-    return frame.emphasis_a * select(power, 1.0 - power, is_convex);
+// Colour and opacity of a bin.
+fn opacity_by_role(bin: vec2<u32>) -> vec4<f32> {
+    return vec4<f32>(textureLoad(opacity_table, bin, 0)) / 65535.0;
+}
+
+// Opacity by signed distance to the boundary, for the regions that count in a bin.
+fn opacity_by_distance(bin: vec2<u32>, distance: f32) -> f32 {
+    let row = 2u * textureLoad(emphases, bin, 0).x + select(0u, 1u, distance < 0.0);
+    let place = min(abs(distance) * textureLoad(emphasis_table, vec2<u32>(0u, row), 0).x, INTERVALS);
+    let interval = u32(place);
+    let start = textureLoad(emphasis_table, vec2<u32>(interval + 1u, row), 0).x;
+    let end = textureLoad(emphasis_table, vec2<u32>(interval + 2u, row), 0).x;
+    return start + (place - f32(interval)) * (end - start);
 }
 
 // Opacity of one step, from that of a path of L_min.

@@ -15,6 +15,7 @@ mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     use super::*;
+    use crate::classify::emphasis_table::INTERVALS;
     use crate::classify::macrocells::MACROCELL;
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 
@@ -44,6 +45,7 @@ mod tests {
 
     #[test]
     fn sizes_are_the_program_s() {
+        assert!(SOURCE.contains(&format!("const INTERVALS: f32 = {INTERVALS:?}.0;")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));

@@ -92,13 +92,14 @@ fn add_voxel(
     if weight == 0.0 || !has_hit(texel) {
         return;
     }
-    let by_role = opacity_by_role(value, texel.z);
+    let bin = role_bin(value, texel.z);
+    let by_role = opacity_by_role(bin);
     if by_role.a == 0.0 {
         return;
     }
     let normal = decode_normal(texel.w);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
-    let share = weight * (by_role.a * opacity_by_distance(abs(distance)));
+    let share = weight * (by_role.a * opacity_by_distance(bin, distance));
     (*sum).opacity += share;
     (*sum).color += share * by_role.rgb;
     (*sum).normal += share * normal;

@@ -10,21 +10,21 @@ struct Uniforms {
     direction: vec3<f32>,
     reach: f32,
     direction_right: vec3<f32>,
-    emphasis_a: f32,
-    direction_up: vec3<f32>,
-    emphasis_d_c: f32,
-    box_low: vec3<f32>,
-    emphasis_n: f32,
-    box_high: vec3<f32>,
-    emphasis_kind: u32,
-    spacing: vec3<f32>,
     ambient: f32,
-    inverse_spacing: vec3<f32>,
+    direction_up: vec3<f32>,
     diffuse: f32,
-    light: vec3<f32>,
+    box_low: vec3<f32>,
     specular: f32,
+    box_high: vec3<f32>,
+    padding_after_box: f32,
+    spacing: vec3<f32>,
+    padding_after_spacing: f32,
+    inverse_spacing: vec3<f32>,
+    padding_after_inverse_spacing: f32,
+    light: vec3<f32>,
+    padding_after_light: f32,
     background: vec3<f32>,
-    padding: f32,
+    padding_after_background: f32,
     last_voxel: vec3<i32>,
     padding_after_last_voxel: i32,
     image_size: vec2<f32>,
@@ -41,6 +41,10 @@ struct Ray {
 @group(0) @binding(1) var volume: texture_3d<u32>;
 // Colour and opacity by value (x) and gradient magnitude at the hit (y), in shares of 65535.
 @group(0) @binding(2) var opacity_table: texture_2d<u32>;
+// Which αd goes with each of its entries.
+@group(0) @binding(4) var emphases: texture_2d<u32>;
+// αd by distance; two rows an emphasis: that of the high-value side first.
+@group(0) @binding(5) var emphasis_table: texture_2d<f32>;
 // How many macrocells each is away from one in which something can be drawn.
 @group(0) @binding(3) var occupancy: texture_3d<u32>;
 
