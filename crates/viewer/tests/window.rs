@@ -297,3 +297,30 @@ fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_una
     let expected = target.read_back(&gpu).expect("a picture");
     assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
 }
+
+#[test]
+fn a_region_and_a_side_can_have_an_emphasis_of_their_own() {
+    let Some(mut harness) = open() else { return };
+    harness.get_by_label("Region 1").click();
+    settle(&mut harness);
+    harness.get_by_label("Region 1 has its own").click();
+    settle(&mut harness);
+    harness.get_by_label("linear").click();
+    settle(&mut harness);
+    let transfer_function = harness.state().view.transfer_function.clone();
+    let own = transfer_function.regions[0].emphasis.expect("the region has one");
+    assert_eq!([own.high.kind, own.low.kind], [EmphasisKind::Linear; 2]);
+    assert_eq!(transfer_function.emphasis.high.kind, EmphasisKind::Concave);
+
+    let pictures = harness.state().preview.pictures();
+    harness.get_by_label("Each side its own").click();
+    settle(&mut harness);
+    harness.get_all_by_label("convex").last().expect("that of the low side").click();
+    settle(&mut harness);
+    let own = harness.state().view.transfer_function.regions[0].emphasis.expect("the region has one");
+    assert_eq!([own.high.kind, own.low.kind], [EmphasisKind::Linear, EmphasisKind::Convex]);
+    assert!(harness.state().preview.pictures() > pictures);
+    harness.get_by_label("Region 1 has its own").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.regions[0].emphasis, None);
+}
