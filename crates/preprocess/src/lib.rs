@@ -11,6 +11,7 @@ pub mod blur;
 pub mod boundary;
 pub mod bspline;
 pub mod central_difference;
+pub mod console;
 pub mod continuation;
 pub mod differentiation;
 pub mod directional_derivative;

@@ -5,6 +5,7 @@ mod cli;
 use std::process::ExitCode;
 
 use clap::Parser;
+use voxrole_preprocess::console::tell;
 
 fn main() -> ExitCode {
     // 130 is what shells give for an interrupt. Without a handler temporary files and folders would merely stay.
@@ -12,10 +13,10 @@ fn main() -> ExitCode {
         voxrole_pack::atomic_file::remove_unfinished();
         voxrole_preprocess::atomic_folder::remove_unfinished();
         for path in voxrole_pack::unfinished::kept() {
-            eprintln!(
+            tell(format!(
                 "\nvoxrole: interrupted; what is done is kept in {}: the same command goes on from there",
                 path.display()
-            );
+            ));
         }
         std::process::exit(130);
     });
@@ -23,7 +24,7 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             // The alternate form is the whole chain of causes.
-            eprintln!("voxrole: {error:#}");
+            tell(format!("voxrole: {error:#}"));
             ExitCode::FAILURE
         }
     }

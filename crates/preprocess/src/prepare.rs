@@ -153,10 +153,21 @@ fn run(
         stages: watch.into_stages(),
         noise_share: f64::from(recipe.noise / (high - low).abs().max(f32::MIN_POSITIVE)),
         range_sigma: recipe.range_sigmas.shares.clone(),
-        warning: recipe.under_sampling(outcome.summary.edges.as_ref()),
+        warning: recipe
+            .under_sampling(outcome.summary.edges.as_ref())
+            .or_else(|| nothing_found(&outcome.summary.counts, low != high)),
         choice: recipe.choice,
         counts: outcome.summary.counts,
         file_bytes: outcome.file_bytes,
+    })
+}
+
+/// A warning where a volume that is not the same everywhere has no boundary at all.
+fn nothing_found(counts: &Counts, varies: bool) -> Option<String> {
+    (counts.hits == 0 && varies && counts.masked < counts.voxels).then(|| {
+        "no voxel has a boundary: the volume's own steps may have been taken for noise, as those of a mask of 0 and 1 are; \
+         give --noise-floor 0, or --method auto, which smooths such volumes"
+            .into()
     })
 }
 

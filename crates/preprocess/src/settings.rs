@@ -124,6 +124,8 @@ pub struct Automatic {
 
 /// The longest ray, in multiples of L_min.
 pub const LARGEST_D_MAX: f64 = 1000.0;
+/// Steps have to be longer than this, in multiples of L_min: a crossing is pinned down far below it anyway.
+pub const LEAST_STEP: f64 = 1e-3;
 
 impl Settings {
     /// The defaults of a method: step L_min/5 and d_max = 15·L_min as in the paper.
@@ -170,7 +172,7 @@ impl Settings {
                 Err(Error::Parameter(format!("{option} {value}: give a number above {low} and up to {high}")))
             }
         };
-        inside("--step", self.step, 0.0, 1.0)?;
+        inside("--step", self.step, LEAST_STEP, 1.0)?;
         inside("--dmax", self.d_max, 0.0, LARGEST_D_MAX)?;
         if self.d_max < self.step {
             return Err(Error::Parameter(format!("--dmax {} is shorter than --step {}", self.d_max, self.step)));

@@ -441,3 +441,66 @@ fn the_sample_volumes_are_what_their_commands_make() {
         assert!(workplace.read(name) == fs::read(data.join(name)).expect("reads"), "{name} differs");
     }
 }
+
+#[test]
+fn nothing_of_another_kind_is_replaced() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 12,12,12 -o a.nrrd");
+    workplace.succeed("phantom box --dims 12,12,12 -o b.nrrd");
+    let before = workplace.read("b.nrrd");
+    for line in ["prepare a.nrrd -o b.nrrd", "prepare a.nrrd -o a.vxr --report b.nrrd"] {
+        let message = workplace.fail(line);
+        assert!(message.contains("b.nrrd: expected a") && message.contains("remove it first"), "{message}");
+    }
+    assert_eq!(workplace.read("b.nrrd"), before);
+    let message = workplace.fail("prepare a.nrrd b.nrrd -o both.vxr");
+    assert!(message.contains("expected a folder for the packed files of 2 volumes"), "{message}");
+    // Its own kind is.
+    workplace.succeed("prepare a.nrrd -o a.vxr --report a.json");
+    workplace.succeed("prepare b.nrrd -o a.vxr --report a.json");
+    assert!(workplace.succeed("info a.vxr").contains("b.nrrd"));
+}
+
+#[test]
+fn a_volume_without_boundaries_is_warned_of() {
+    let workplace = Workplace::new();
+    let mask: Vec<u8> = (0..16 * 16 * 16).map(|voxel| u8::from(voxel % 16 >= 8)).collect();
+    workplace.write("mask.raw", &mask);
+    let prepare = "prepare mask.raw --dims 16,16,16 --dtype u8 -o mask.vxr --method fast";
+    let found = workplace.run(prepare);
+    let message = String::from_utf8_lossy(&found.stderr).into_owned();
+    assert!(found.status.success() && message.contains("warning: no voxel has a boundary"), "{message}");
+    assert!(message.contains("--noise-floor 0"), "{message}");
+    assert!(!workplace.succeed(&format!("{prepare} --noise-floor 0")).contains(" 0 voxels have a boundary"));
+}
+
+#[test]
+fn a_step_that_takes_for_ever_is_refused() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 12,12,12 -o a.nrrd");
+    assert!(workplace.fail("prepare a.nrrd -o a.vxr --step 1e-9").contains("--step"));
+}
+
+/// A full disk under the log, or nobody who reads it, must not cost a night's work.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_be_said_costs_nothing() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 12,12,12 -o a.nrrd");
+    let full = || fs::OpenOptions::new().write(true).open("/dev/full").expect("opens");
+    let prepare = |out: bool, name: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_voxrole"));
+        command.current_dir(workplace.folder.path()).args(["prepare", "a.nrrd", "--report", "a.json", "-o", name]);
+        let command = if out { command.stdout(full()) } else { command.stderr(full()) };
+        command.output().expect("the program starts")
+    };
+    assert!(prepare(false, "one.vxr").status.success());
+    workplace.succeed("verify one.vxr");
+    fs::remove_file(workplace.path("a.json")).expect("was written");
+    let output = prepare(true, "two.vxr");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("writing to standard output") && !message.contains("panicked"), "{message}");
+    workplace.succeed("verify two.vxr");
+    assert!(workplace.read("a.json").starts_with(b"{"));
+}

@@ -8,7 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::color::parse_color;
-use crate::state::{Camera, Region, TwoSidedEmphasis};
+use crate::state::{Camera, Integration, Region, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -81,6 +81,9 @@ pub struct RenderArgs {
     /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
     #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]
     pub step: f32,
+    /// What a sample says of the step that it stands for.
+    #[arg(long, value_enum, default_value_t = Integration::default())]
+    pub integration: Integration,
     /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
+use voxrole_preprocess::console::print;
 use voxrole_preprocess::fields::{Field, read_field};
 use voxrole_preprocess::io::read_volume;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
@@ -31,14 +32,14 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
         None => phantom()?,
     };
     let [x, y, z] = grid.geometry.dims;
-    println!("{}: {x}x{y}x{z} voxels of {}", grid.name, grid.scalars.scalar_type().name());
+    print(&format!("{}: {x}x{y}x{z} voxels of {}\n", grid.name, grid.scalars.scalar_type().name()))?;
 
     let packed = folder.join("roles.vxr");
     let settings = Settings { keep_derivatives: true, ..Settings::new(Method::Auto) };
     let report = prepare(&grid, &settings, &packed, &Lines)?;
     let counts = &report.counts;
     let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
-    println!("prepared in {:.1} s: {share:.1} % of the voxels have a boundary", report.seconds);
+    print(&format!("prepared in {:.1} s: {share:.1} % of the voxels have a boundary\n", report.seconds))?;
     write(&folder.join("report.json"), &serde_json::to_vec_pretty(&report)?)?;
     drop(grid);
 
@@ -49,7 +50,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let picture = folder.join("picture.png");
     headless::first_picture(&reader, &picture)?;
 
-    println!("\nin {}:", folder.display());
+    print(&format!("\nin {}:\n", folder.display()))?;
     for (file, what) in [
         ("roles.vxr", "the packed file; look at it with `voxrole-view`, `voxrole info`, `voxrole export`"),
         ("report.json", "seconds and counts"),
@@ -57,7 +58,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
         ("slice-distance.png", "distance to the boundary, white on it; and three more slices"),
         ("picture.png", "the boundaries, drawn without setting anything"),
     ] {
-        println!("  {file:<22} {what}");
+        print(&format!("  {file:<22} {what}\n"))?;
     }
     Ok(())
 }
@@ -108,7 +109,8 @@ struct Lines;
 
 impl Progress for Lines {
     fn begin(&self, stage: &'static str, _: u64) {
-        println!("  {stage} …");
+        // That nobody reads it ends no work.
+        let _ = print(&format!("  {stage} …\n"));
     }
     fn step(&self) {}
 }

@@ -7,7 +7,7 @@ use glam::{Mat3, Vec2, Vec3};
 use voxrole_pack::DistanceQuantization;
 
 use crate::classify::EmphasisTable;
-use crate::state::{Camera, CameraPreset, Projection, Shading, ViewAxes, ViewState};
+use crate::state::{Camera, CameraPreset, Integration, Projection, Shading, ViewAxes, ViewState};
 use crate::volume::VolumeDescription;
 
 /// Everything that a ray marcher needs beside texels and opacity table.
@@ -27,12 +27,14 @@ pub struct Frame {
     pub rays: PixelRays,
     /// Distance between samples along a ray.
     pub step: f32,
+    /// Half of it where opacity is integrated along it; 0 where its middle counts for all of it.
+    pub half_step: f32,
     /// A ray ends once its opacity exceeds this.
     pub termination_opacity: f32,
     /// What one step of a stored distance amounts to.
     pub distance_scale: f32,
-    /// The largest stored |d| with which a voxel can be drawn somewhere in its cell, where its plane's distance changes by
-    /// the cell's diagonal at most, and a little for rounding.
+    /// The largest stored |d| with which a voxel can be drawn somewhere in its cell and half a step beyond: its plane's
+    /// distance changes by the cell's diagonal and by half a step at most, and there is a little for rounding.
     pub reach: f32,
     /// Unit vector towards the light.
     pub light: Vec3,
@@ -87,6 +89,7 @@ impl Frame {
             rotate(&Camera::from_preset(CameraPreset::Front).axes(), axes_from_world)
         };
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
+        let step = within(settings.step, Self::STEP_RANGE, 0.25);
         let texel_spacing = Vec3::from_array(volume.texel_spacing());
         Self {
             image_size,
@@ -95,10 +98,11 @@ impl Frame {
             box_low,
             box_high,
             rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
-            step: within(settings.step, Self::STEP_RANGE, 0.25),
+            step,
+            half_step: if settings.integration == Integration::Preintegrated { 0.5 * step } else { 0.0 },
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
             distance_scale: volume.d_max_in_spacings() / steps,
-            reach: (emphases.largest_d_c() + texel_spacing.length()) * 1.001,
+            reach: (emphases.largest_d_c() + texel_spacing.length() + 0.5 * step) * 1.001,
             light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
             shading: settings.shading,
             background: Vec3::from_array(settings.background),

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, bail};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
+use voxrole_preprocess::console::{print, tell};
 
 use crate::args::RenderArgs;
 use crate::classify::propose_regions;
@@ -37,15 +38,15 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let reading = start.elapsed().as_secs_f64();
     let Drawn { picture, ready, drawing, samples } = draw(&volume, &state, arguments.cpu).with_context(named)?;
     if arguments.stats {
-        eprintln!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {drawing:.3} s");
+        tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {drawing:.3} s"));
         if let Some(samples) = samples {
             let SampleCounts { taken, all } = samples;
             let saved = 100.0 * samples.saved();
-            eprintln!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved");
+            tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
         }
     }
     if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
-        eprintln!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
+        tell(format!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region"));
     }
     atomic_file::write(output, &picture.to_png()?).with_context(writing)
 }
@@ -85,17 +86,17 @@ pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Re
     let gpu = match Gpu::new() {
         Ok(gpu) if gpu.is_cpu => {
             // The same picture, in half the time.
-            eprintln!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name);
+            tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
             return draw_on_cpu(volume, state);
         }
         Ok(gpu) => gpu,
         Err(error @ Error::NoAdapter(_)) => {
-            eprintln!("voxrole-view: {error}; drawing with the CPU ray marcher");
+            tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher"));
             return draw_on_cpu(volume, state);
         }
         Err(error) => return Err(error),
     };
-    eprintln!("voxrole-view: drawing on {}", gpu.name);
+    tell(format!("voxrole-view: drawing on {}", gpu.name));
     let start = Instant::now();
     let target = Target::new(&gpu, state.render_settings.image_size)?;
     let mut renderer = Renderer::new(&gpu, volume)?;
@@ -119,6 +120,7 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     state.transfer_function.emphasis = arguments.alpha.unwrap_or(state.transfer_function.emphasis);
     state.render_settings.image_size = arguments.size;
     state.render_settings.step = arguments.step;
+    state.render_settings.integration = arguments.integration;
     state.render_settings.background = arguments.background;
     if arguments.no_skip {
         state.render_settings.leaps = false;
@@ -128,7 +130,7 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     if arguments.regions.is_empty() {
         state.transfer_function.regions = proposed_regions(reader)?;
         for region in &state.transfer_function.regions {
-            println!("--region {region}");
+            print(&format!("--region {region}\n"))?;
         }
     }
     Ok(state)

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
+use voxrole_preprocess::console::tell;
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::{demo, headless};
 
@@ -24,7 +25,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // The alternate form is the whole chain of causes.
-            eprintln!("voxrole-view: {error:#}");
+            tell(format!("voxrole-view: {error:#}"));
             ExitCode::FAILURE
         }
     }

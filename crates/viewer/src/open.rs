@@ -8,6 +8,7 @@ use anyhow::Context;
 use tempfile::TempDir;
 use voxrole_pack::Reader;
 use voxrole_pack::prologue::MAGIC;
+use voxrole_preprocess::console::tell;
 use voxrole_preprocess::io::{ReadOptions, read_volume};
 use voxrole_preprocess::prepare;
 use voxrole_preprocess::progress::Silent;
@@ -37,7 +38,7 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     let folder = tempfile::tempdir().context("making a temporary folder")?;
     let packed = folder.path().join("prepared.vxr");
     let file = path.display();
-    eprintln!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result");
+    tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
     prepare(&grid, &Settings::new(Method::Auto), &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
 }

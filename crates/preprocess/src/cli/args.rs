@@ -118,7 +118,7 @@ pub struct PrepareArgs {
     /// more than 64 voxels].
     #[arg(long, value_name = "N")]
     pub levels: Option<u32>,
-    /// Trace every voxel, also those that cannot hit; the file is the same.
+    /// Take every sample along rays, also where no boundary can be; the file is the same.
     #[arg(long)]
     pub no_skip: bool,
     /// Threads to use [default: all].

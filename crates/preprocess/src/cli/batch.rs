@@ -3,12 +3,14 @@
 use std::ffi::OsString;
 use std::fmt::Write;
 use std::fs;
+use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, anyhow, bail, ensure};
 use serde::Serialize;
+use voxrole_pack::prologue::MAGIC;
 use voxrole_preprocess::report::Report;
 
 /// One volume and the packed file that it becomes.
@@ -28,6 +30,13 @@ pub fn tasks(inputs: &[PathBuf], output: &Path) -> anyhow::Result<Vec<Task>> {
     {
         return Ok(vec![Task { input: input.clone(), output: output.to_owned() }]);
     }
+    let is_packed_name = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vxr"));
+    ensure!(
+        !is_packed_name || names_folder(output),
+        "{}: expected a folder for the packed files of {} volumes, found the name of one file",
+        output.display(),
+        inputs.len()
+    );
     let mut tasks: Vec<Task> = Vec::with_capacity(inputs.len());
     for input in inputs {
         let name = packed_name(input).with_context(|| format!("{}: not the name of a file", input.display()))?;
@@ -85,10 +94,34 @@ fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
     for output in tasks.iter().map(|task| task.output.as_path()).chain(report) {
         super::check_output(output, &inputs, None)?;
     }
+    for task in tasks {
+        check_replaced(&task.output, ["packed file", "vxr"], |start| start == MAGIC)?;
+    }
+    if let Some(report) = report {
+        check_replaced(report, ["report", "json"], |start| matches!(start.first(), Some(b'{' | b'[')))?;
+    }
     if let Some(report) = report {
         let is_taken = tasks.iter().any(|task| is_same_name(&task.output, report));
         ensure!(!is_taken, "{}: two outputs cannot be one file", report.display());
     }
+    Ok(())
+}
+
+/// Makes sure that what an output would replace is of its own kind: a name typed wrong must not cost a volume.
+fn check_replaced(output: &Path, [kind, extension]: [&str; 2], is_kind: fn(&[u8]) -> bool) -> anyhow::Result<()> {
+    let named = || output.display().to_string();
+    if !output.exists() || output.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension)) {
+        return Ok(());
+    }
+    let mut start = Vec::new();
+    let file = fs::File::open(output).with_context(named)?;
+    file.take(MAGIC.len() as u64).read_to_end(&mut start).with_context(named)?;
+    ensure!(
+        start.is_empty() || is_kind(&start),
+        "{}: expected a {kind} or nothing under the name of the output, found another file: remove it first, or choose \
+         another name",
+        named()
+    );
     Ok(())
 }
 

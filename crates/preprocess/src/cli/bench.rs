@@ -9,6 +9,7 @@ use clap::{Args, Subcommand};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use voxrole_pack::atomic_file;
 use voxrole_preprocess::accuracy::{Drawing, Extent, Row, csv, drawings, measure, methods, suite, text_table};
+use voxrole_preprocess::console::tell;
 use voxrole_preprocess::plot::{chart_png, chart_svg};
 use voxrole_preprocess::smoothing_study::{
     Study, StudyRow, parse_canny, placements, scenes, study_csv, study_drawings, study_table,
@@ -133,7 +134,7 @@ fn measure_smoothing(args: &SmoothingArgs) -> anyhow::Result<Vec<StudyRow>> {
             rows.extend(measured);
         }
         let seconds = start.elapsed().as_secs_f64();
-        eprintln!("voxrole: {} of {}: {}: {seconds:.1} s", index + 1, scenes.len(), scene.case);
+        tell(format!("voxrole: {} of {}: {}: {seconds:.1} s", index + 1, scenes.len(), scene.case));
     }
     Ok(rows)
 }
@@ -150,7 +151,7 @@ fn measure_all(args: &AccuracyArgs) -> anyhow::Result<Vec<Row>> {
         let start = Instant::now();
         let measured = measure(case, &methods, args.repeats.into()).with_context(|| format!("measuring {case}"))?;
         let seconds = start.elapsed().as_secs_f64();
-        eprintln!("voxrole: {} of {}: {case}: {seconds:.1} s", index + 1, cases.len());
+        tell(format!("voxrole: {} of {}: {case}: {seconds:.1} s", index + 1, cases.len()));
         super::print(&(text_table(case, &measured) + "\n"))?;
         rows.extend(measured);
         // After every case, so that an interrupted run leaves what it has measured.

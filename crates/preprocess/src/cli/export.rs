@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use voxrole_pack::Header;
+use voxrole_preprocess::console::tell;
 use voxrole_preprocess::export::{Export, ExportFormat, check_replaceable_folder};
 use voxrole_preprocess::fields::Field;
 
@@ -26,10 +27,10 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     for Task { export, path } in &tasks {
         let losses = export.write(&reader, path).with_context(|| format!("{}: {}", named(), export.field.name()))?;
         for loss in losses {
-            eprintln!("voxrole: warning: {}: {loss}", path.display());
+            tell(format!("voxrole: warning: {}: {loss}", path.display()));
         }
         if tasks.len() > 1 {
-            eprintln!("voxrole: {} written", path.display());
+            tell(format!("voxrole: {} written", path.display()));
         }
     }
     Ok(())

@@ -23,8 +23,8 @@ pub fn verify(args: &FileArgs) -> anyhow::Result<()> {
     use anyhow::Context;
     let reader = super::open(&args.file)?;
     let verified = reader.verify().with_context(|| args.file.display().to_string())?;
-    println!("{}: sound; {} bricks and all {} bytes checked", args.file.display(), verified.bricks, verified.bytes);
-    Ok(())
+    let (file, bricks, bytes) = (args.file.display(), verified.bricks, verified.bytes);
+    super::print(&format!("{file}: sound; {bricks} bricks and all {bytes} bytes checked\n"))
 }
 
 /// Bytes of a table on all levels.

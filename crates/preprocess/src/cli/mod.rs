@@ -13,13 +13,13 @@ mod progress_lines;
 mod slice;
 mod terminal;
 
-use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, bail, ensure};
 use args::Command;
 use voxrole_pack::{Reader, atomic_file};
+use voxrole_preprocess::console;
 
 /// Runs a command; a failure that was already told is in the exit code only.
 ///
@@ -80,12 +80,8 @@ fn make_folder(folder: &Path) -> anyhow::Result<bool> {
     }
 }
 
-/// Prints, and takes it quietly when nobody reads on.
 fn print(text: &str) -> anyhow::Result<()> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
-    }
+    console::print(text).context("writing to standard output")
 }
 
 fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {

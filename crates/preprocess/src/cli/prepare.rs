@@ -91,20 +91,16 @@ const STACK_BYTES: usize = 2 << 20;
 /// Says what came of all, and writes the report.
 fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
     let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
-    let report = match (tasks, outcomes) {
-        ([_], [Err(_)]) => None,
-        ([task], [Ok(report)]) => {
-            summarise(report, task);
-            Some(serde_json::to_vec_pretty(report)?)
-        }
-        _ => {
-            super::print(&batch::table(tasks, outcomes))?;
-            Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)
-        }
+    let (summary, report) = match (tasks, outcomes) {
+        ([_], [Err(_)]) => (String::new(), None),
+        ([task], [Ok(report)]) => (summary(report, task), Some(serde_json::to_vec_pretty(report)?)),
+        _ => (batch::table(tasks, outcomes), Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)),
     };
+    // First what is asked for by name: printing may fail.
     if let Some((path, report)) = args.report.as_ref().zip(report) {
         super::write(path, &report)?;
     }
+    super::print(&summary)?;
     if tasks.len() > 1 {
         terminal.summary(tasks.len() - failed, failed);
     }
@@ -198,32 +194,34 @@ fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> an
     }
 }
 
-fn summarise(report: &Report, task: &Task) {
+fn summary(report: &Report, task: &Task) -> String {
     let counts = &report.counts;
     let share = |part: u64| 100.0 * part as f64 / counts.voxels as f64;
     let [x, y, z] = report.dims;
-    println!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads);
+    let mut lines =
+        vec![format!("{}: {x}x{y}x{z} voxels, {:.2} s on {} threads", report.input, report.seconds, report.threads)];
     if report.blocks > 1 {
-        println!("  {} blocks, {} of them finished by an earlier run", report.blocks, report.blocks_before);
+        lines.push(format!("  {} blocks, {} of them finished by an earlier run", report.blocks, report.blocks_before));
     }
     if let Some(choice) = &report.choice {
-        println!("  {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason);
+        lines.push(format!("  {}, {}: {}", choice.kernel, choice.reconstruction, choice.reason));
     }
-    println!(
+    lines.push(format!(
         "  {} voxels have a boundary ({:.1} %), {} have none, {} are masked",
         counts.hits,
         share(counts.hits),
         counts.misses,
         counts.masked
-    );
-    println!(
+    ));
+    lines.push(format!(
         "  {} voxels traced with {} samples, {} skipped, {} with no gradient above the noise",
         counts.traced, counts.samples, counts.skipped, counts.flat
-    );
-    println!(
+    ));
+    lines.push(format!(
         "  {}: {} bytes, {:.2} per voxel",
         task.output.display(),
         report.file_bytes,
         report.file_bytes as f64 / counts.voxels as f64
-    );
+    ));
+    lines.join("\n") + "\n"
 }

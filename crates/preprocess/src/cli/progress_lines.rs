@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use voxrole_preprocess::console::tell;
 use voxrole_preprocess::progress::Progress;
 
 /// Names each stage.
@@ -15,7 +16,7 @@ pub struct TextLines {
 
 impl Progress for TextLines {
     fn begin(&self, stage: &'static str, _: u64) {
-        eprintln!("voxrole: {}{stage}", self.prefix);
+        tell(format!("voxrole: {}{stage}", self.prefix));
     }
 
     fn step(&self) {}

@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 use std::path::Path;
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use voxrole_preprocess::console::tell;
 use voxrole_preprocess::progress::Progress;
 use voxrole_preprocess::report::Report;
 
@@ -66,7 +67,7 @@ impl Terminal {
         let (seconds, bytes) = (report.seconds, report.file_bytes);
         match &self.form {
             Form::Json => Event::Done { input: &name, seconds, output: &output, bytes }.write(),
-            Form::Lines if self.names_inputs => eprintln!("voxrole: {}done in {seconds:.2} s", self.prefix(input)),
+            Form::Lines if self.names_inputs => tell(format!("voxrole: {}done in {seconds:.2} s", self.prefix(input))),
             Form::Lines | Form::Bars(_) => {}
         }
     }
@@ -88,8 +89,8 @@ impl Terminal {
 
     fn say(&self, event: &Event<'_>, text: impl FnOnce() -> String) {
         match &self.form {
-            Form::Bars(bars) => bars.suspend(|| eprintln!("{}", text())),
-            Form::Lines => eprintln!("{}", text()),
+            Form::Bars(bars) => bars.suspend(|| tell(text())),
+            Form::Lines => tell(text()),
             Form::Json => event.write(),
         }
     }

@@ -94,6 +94,9 @@ pub(super) fn choose(axes: &[(u64, AxisRole)], options: &ReadOptions) -> Result<
 /// A message for other counts, and when nothing is chosen.
 pub(super) fn roles(sizes: &[u64], options: &ReadOptions) -> Result<Vec<(u64, AxisRole)>, String> {
     let count = sizes.len();
+    if sizes.contains(&0) {
+        return Err(format!("expected axes of at least one number, found {} (fastest first)", list(sizes)));
+    }
     let (component, time) = match (count, options.component, options.time) {
         (3, ..) => (false, false),
         (4, Some(_), None) => (true, false),
@@ -171,6 +174,12 @@ impl Picks {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn axes_of_nothing_are_refused() {
+        let message = roles(&[0, 4, 1, 4, 5], &ReadOptions::default()).expect_err("nothing");
+        assert!(message.contains("at least one number, found 0 x 4 x 1 x 4 x 5"), "{message}");
+    }
 
     fn options(component: Option<usize>, time: Option<usize>) -> ReadOptions {
         ReadOptions { component, time, ..ReadOptions::default() }

@@ -38,11 +38,37 @@ impl EmphasisTable {
     #[must_use]
     #[inline]
     pub fn look_up(&self, index: usize, distance: f32) -> f32 {
-        let row = &self.numbers[(2 * index + usize::from(distance < 0.0)) * ROW..][..ROW];
-        let place = (distance.abs() * row[0]).min(INTERVALS as f32);
+        self.look_up_row(2 * index + usize::from(distance < 0.0), distance.abs())
+    }
+
+    /// αd of a row at an unsigned distance.
+    #[must_use]
+    #[inline]
+    pub fn look_up_row(&self, row: usize, distance: f32) -> f32 {
+        let row = &self.numbers[row * ROW..][..ROW];
+        let place = (distance * row[0]).min(INTERVALS as f32);
         let interval = place as usize;
         let (start, end) = (row[1 + interval], row[2 + interval]);
         start + (place - interval as f32) * (end - start)
+    }
+
+    /// Number of rows: two for each emphasis.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.numbers.len() / ROW
+    }
+
+    /// Intervals of a row per unit of distance.
+    #[must_use]
+    #[inline]
+    pub fn scale(&self, row: usize) -> f32 {
+        self.numbers[row * ROW]
+    }
+
+    /// The distance at which a row's αd ends.
+    #[must_use]
+    pub fn d_c(&self, row: usize) -> f32 {
+        INTERVALS as f32 / self.scale(row)
     }
 
     /// All rows, each of [`ROW`] numbers.

@@ -6,6 +6,7 @@ pub mod emphasis_table;
 pub mod macrocells;
 pub mod opacity;
 pub mod opacity_correction;
+pub mod preintegration;
 pub mod region_proposal;
 
 pub use boundary_emphasis::opacity_by_distance;
@@ -13,4 +14,5 @@ pub use emphasis_table::EmphasisTable;
 pub use macrocells::{MacrocellRanges, Occupancy};
 pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;
+pub use preintegration::PreintegrationTable;
 pub use region_proposal::propose_regions;

@@ -10,7 +10,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
+use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, correct_opacity};
 use crate::frame::{Frame, Ray};
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
@@ -27,6 +27,7 @@ pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     table: OpacityTable,
     emphases: EmphasisTable,
+    preintegration: PreintegrationTable,
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
@@ -70,7 +71,8 @@ impl<'a> RayMarcher<'a> {
         let frame = Frame::new(state, description, &emphases, image_size);
         let leaps = state.render_settings.leaps;
         let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
-        Ok(Self { volume, table, emphases, frame, occupancy })
+        let preintegration = PreintegrationTable::new(&emphases);
+        Ok(Self { volume, table, emphases, preintegration, frame, occupancy })
     }
 
     /// Draws the picture, rows in parallel.
@@ -82,20 +84,30 @@ impl<'a> RayMarcher<'a> {
     /// Draws the picture, and counts the samples that it takes.
     #[must_use]
     pub fn draw_and_count(&self) -> (Picture, SampleCounts) {
+        let (light, counts) = self.light();
+        let pixel = |light: &Vec4| {
+            let color = light.truncate() + (1.0 - light.w) * self.frame.background;
+            let bytes = (color.clamp(Vec3::ZERO, Vec3::ONE) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
+            [bytes[0], bytes[1], bytes[2], 255]
+        };
         let [width, height] = self.frame.image_size;
-        let mut rgba = vec![0; width as usize * height as usize * 4];
-        let rows = rgba.par_chunks_exact_mut(width as usize * 4).enumerate().map(|(y, row)| {
+        (Picture { width, height, rgba: light.iter().flat_map(pixel).collect() }, counts)
+    }
+
+    /// The light of every pixel, row by row: colour premultiplied by opacity, and opacity.
+    #[must_use]
+    pub fn light(&self) -> (Vec<Vec4>, SampleCounts) {
+        let [width, height] = self.frame.image_size;
+        let mut light = vec![Vec4::ZERO; width as usize * height as usize];
+        let rows = light.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
             let mut counts = SampleCounts::default();
-            for (x, pixel) in row.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-                let light = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
-                let color = light.truncate() + (1.0 - light.w) * self.frame.background;
-                let bytes = (color.clamp(Vec3::ZERO, Vec3::ONE) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
-                *pixel = [bytes[0], bytes[1], bytes[2], 255];
+            for (x, light) in row.iter_mut().enumerate() {
+                *light = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
             }
             counts
         });
         let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
-        (Picture { width, height, rgba }, counts)
+        (light, counts)
     }
 
     /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
@@ -108,11 +120,11 @@ impl<'a> RayMarcher<'a> {
     #[must_use]
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
         let sampler = self.sampler();
-        sampler.sample(index * self.frame.spacing, &mut CellCache::default())
+        sampler.sample(index * self.frame.spacing, Vec3::ZERO, &mut CellCache::default())
     }
 
     fn sampler(&self) -> Sampler<'_> {
-        Sampler::new(self.volume, &self.table, &self.emphases, &self.frame)
+        Sampler::new(self.volume, &self.table, &self.emphases, &self.preintegration, &self.frame)
     }
 
     /// Light along a ray, front to back: colour premultiplied by opacity, and opacity.
@@ -137,7 +149,7 @@ impl<'a> RayMarcher<'a> {
                 continue;
             }
             counts.taken += 1;
-            let sample = sampler.sample_at(place, &mut cache);
+            let sample = sampler.sample_at(place, ray.direction, &mut cache);
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
                 let color = shade(sample.color, sample.normal, -ray.direction, frame.light, &frame.shading);

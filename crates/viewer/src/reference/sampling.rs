@@ -3,7 +3,8 @@
 //! The rule, at a place `p` in a cell of eight voxels with trilinear weights `w_i`: the value is interpolated,
 //! `v = Σ w_i v_i`. Every voxel with a hit predicts the signed distance at `p` by its own plane,
 //! `d_i(p) = d_i + n_i · (p − x_i)`, because d grows along the normal towards the high-value side, and gives
-//! `α_i = αu(v, g_i) · αd(d_i(p))` with its own gradient magnitude at the hit. Then `α = Σ w_i α_i`, and colour and
+//! `α_i = αu(v, g_i) · αd(d_i(p))` with its own gradient magnitude at the hit; where opacity is integrated along a step, αd is
+//! that of the whole stretch of its plane's distances, see [`crate::classify::preintegration`]. Then `α = Σ w_i α_i`, and colour and
 //! normal are the means weighted by `w_i α_i`.
 //!
 //! Distances are never interpolated, so that +m beside −m on the medial surface between two boundaries does not pass
@@ -13,7 +14,7 @@
 use glam::{UVec3, Vec3};
 use voxrole_pack::quantization::decode_normal;
 
-use crate::classify::{EmphasisTable, OpacityTable};
+use crate::classify::{EmphasisTable, OpacityTable, PreintegrationTable};
 use crate::frame::Frame;
 use crate::volume::VolumeTexels;
 
@@ -45,6 +46,7 @@ pub struct Sampler<'a> {
     volume: &'a VolumeTexels,
     table: &'a OpacityTable,
     emphases: &'a EmphasisTable,
+    preintegration: &'a PreintegrationTable,
     frame: &'a Frame,
 }
 
@@ -55,15 +57,16 @@ impl<'a> Sampler<'a> {
         volume: &'a VolumeTexels,
         table: &'a OpacityTable,
         emphases: &'a EmphasisTable,
+        preintegration: &'a PreintegrationTable,
         frame: &'a Frame,
     ) -> Self {
-        Self { volume, table, emphases, frame }
+        Self { volume, table, emphases, preintegration, frame }
     }
 
-    /// The sample at a place in the frame's space.
+    /// The sample at a place in the frame's space, for a step along `direction`.
     #[must_use]
-    pub fn sample(&self, position: Vec3, cache: &mut CellCache) -> RoleSample {
-        self.sample_at(self.place(position), cache)
+    pub fn sample(&self, position: Vec3, direction: Vec3, cache: &mut CellCache) -> RoleSample {
+        self.sample_at(self.place(position), direction, cache)
     }
 
     /// The cell of a place in the frame's space, by its lowest voxel, and where in it the place lies.
@@ -77,9 +80,9 @@ impl<'a> Sampler<'a> {
 
     /// The sample at a place that [`Self::place`] gave.
     #[must_use]
-    pub fn sample_at(&self, (base, fraction): (UVec3, Vec3), cache: &mut CellCache) -> RoleSample {
+    pub fn sample_at(&self, (base, fraction): (UVec3, Vec3), direction: Vec3, cache: &mut CellCache) -> RoleSample {
         let cell = self.cell(base, cache);
-        if cell.is_active { self.sample_cell(&cell, fraction) } else { RoleSample::default() }
+        if cell.is_active { self.sample_cell(&cell, fraction, direction) } else { RoleSample::default() }
     }
 
     fn cell(&self, base: UVec3, cache: &mut CellCache) -> Cell {
@@ -98,7 +101,7 @@ impl<'a> Sampler<'a> {
         *cache.0.insert(Cell { base, texels, is_active })
     }
 
-    fn sample_cell(&self, cell: &Cell, fraction: Vec3) -> RoleSample {
+    fn sample_cell(&self, cell: &Cell, fraction: Vec3, direction: Vec3) -> RoleSample {
         let weights = CORNERS.map(|corner| {
             let axes = Vec3::select(corner.cmpeq(UVec3::ONE), fraction, 1.0 - fraction);
             axes.x * axes.y * axes.z
@@ -119,7 +122,8 @@ impl<'a> Sampler<'a> {
             let corner_normal = decode_normal(texel[3]).unwrap_or(Vec3::ZERO);
             let offset = (fraction - corner.as_vec3()) * self.frame.spacing;
             let distance = self.stored_distance(texel) + corner_normal.dot(offset);
-            let share = weight * (opacity_by_role * self.emphases.look_up(emphasis, distance));
+            let half = corner_normal.dot(direction).abs() * self.frame.half_step;
+            let share = weight * self.preintegration.look_up(self.emphases, emphasis, opacity_by_role, distance, half);
             opacity += share;
             color += share * Vec3::new(red, green, blue);
             normal += share * corner_normal;

@@ -8,7 +8,8 @@ use wgpu::{
 use super::gpu::Gpu;
 use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
-use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable};
+use crate::classify::preintegration::{LEVEL, LEVELS};
+use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable};
 use crate::frame::Frame;
 use crate::state::{Region, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
@@ -22,6 +23,7 @@ pub struct LookupTextures {
     occupancy: Texture,
     emphases: Texture,
     emphasis_table: Texture,
+    preintegration: Texture,
     ranges: MacrocellRanges,
     table: Option<(Vec<Region>, OpacityTable)>,
     /// What the emphasis table holds.
@@ -42,6 +44,7 @@ impl LookupTextures {
             occupancy: texture(gpu, "occupancy", size, TextureDimension::D3, TextureFormat::R8Uint),
             emphases: texture(gpu, "emphases", TABLE_SIZE, TextureDimension::D2, TextureFormat::R16Uint),
             emphasis_table: emphasis_texture(gpu, 2),
+            preintegration: preintegration_texture(gpu, 2),
             ranges,
             table: None,
             numbers: Vec::new(),
@@ -58,13 +61,16 @@ impl LookupTextures {
         emphases: &EmphasisTable,
         frame: &Frame,
     ) -> bool {
-        let rows = (emphases.numbers().len() / ROW) as u32;
+        let rows = emphases.rows() as u32;
         let is_other = self.emphasis_table.height() != rows;
         if is_other {
             self.emphasis_table = emphasis_texture(gpu, rows);
+            self.preintegration = preintegration_texture(gpu, rows);
         }
         if self.numbers != emphases.numbers() {
             write(gpu, &self.emphasis_table, bytemuck::cast_slice(emphases.numbers()));
+            let integrals = PreintegrationTable::new(emphases);
+            write(gpu, &self.preintegration, bytemuck::cast_slice(integrals.numbers()));
             self.numbers = emphases.numbers().to_vec();
         }
         let regions = &state.transfer_function.regions;
@@ -90,9 +96,10 @@ impl LookupTextures {
         is_other
     }
 
-    /// The opacity table, the distances of macrocells, which αd goes with which entry, and αd, as shaders read them.
-    pub fn views(&self) -> [TextureView; 4] {
-        [&self.opacity_table, &self.occupancy, &self.emphases, &self.emphasis_table]
+    /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, and its integrals, as shaders read
+    /// them.
+    pub fn views(&self) -> [TextureView; 5] {
+        [&self.opacity_table, &self.occupancy, &self.emphases, &self.emphasis_table, &self.preintegration]
             .map(|texture| texture.create_view(&TextureViewDescriptor::default()))
     }
 }
@@ -113,6 +120,11 @@ fn texture(gpu: &Gpu, label: &str, size: Extent3d, dimension: TextureDimension, 
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
         view_formats: &[],
     })
+}
+
+fn preintegration_texture(gpu: &Gpu, rows: u32) -> Texture {
+    let size = Extent3d { width: LEVEL as u32, height: LEVELS as u32, depth_or_array_layers: rows };
+    texture(gpu, "preintegration", size, TextureDimension::D3, TextureFormat::R32Float)
 }
 
 /// Writes a whole texture.

@@ -42,14 +42,8 @@ impl RayMarch {
                 entry(2, integer_texture(TextureViewDimension::D2)),
                 entry(3, integer_texture(TextureViewDimension::D3)),
                 entry(4, integer_texture(TextureViewDimension::D2)),
-                entry(
-                    5,
-                    BindingType::Texture {
-                        sample_type: TextureSampleType::Float { filterable: false },
-                        view_dimension: TextureViewDimension::D2,
-                        multisampled: false,
-                    },
-                ),
+                entry(5, float_texture(TextureViewDimension::D2)),
+                entry(6, float_texture(TextureViewDimension::D3)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -63,7 +57,7 @@ impl RayMarch {
 
     /// Binds a volume and what is made of it.
     pub fn bind(&self, gpu: &Gpu, volume: &TextureView, lookup_textures: &LookupTextures) -> BindGroup {
-        let [opacity_table, occupancy, emphases, emphasis_table] = lookup_textures.views();
+        let [opacity_table, occupancy, emphases, emphasis_table, preintegration] = lookup_textures.views();
         gpu.device.create_bind_group(&BindGroupDescriptor {
             label: Some("ray march"),
             layout: &self.layout,
@@ -74,6 +68,7 @@ impl RayMarch {
                 BindGroupEntry { binding: 3, resource: BindingResource::TextureView(&occupancy) },
                 BindGroupEntry { binding: 4, resource: BindingResource::TextureView(&emphases) },
                 BindGroupEntry { binding: 5, resource: BindingResource::TextureView(&emphasis_table) },
+                BindGroupEntry { binding: 6, resource: BindingResource::TextureView(&preintegration) },
             ],
         })
     }
@@ -111,6 +106,11 @@ fn entry(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
 
 fn integer_texture(view_dimension: TextureViewDimension) -> BindingType {
     BindingType::Texture { sample_type: TextureSampleType::Uint, view_dimension, multisampled: false }
+}
+
+fn float_texture(view_dimension: TextureViewDimension) -> BindingType {
+    let sample_type = TextureSampleType::Float { filterable: false };
+    BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }
 
 fn pipeline(gpu: &Gpu, layout: &BindGroupLayout) -> RenderPipeline {

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
 pub use region::Region;
-pub use render_settings::{Light, RenderSettings, Shading};
+pub use render_settings::{Integration, Light, RenderSettings, Shading};
 pub use transfer_function::TransferFunction;
 
 /// Everything that decides what a picture of one volume looks like.

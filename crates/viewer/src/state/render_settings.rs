@@ -1,12 +1,27 @@
 //! How a picture is drawn, whatever it shows.
 
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
+
+/// What a sample says of the step that it stands for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+pub enum Integration {
+    /// The opacity in the middle counts for all of it.
+    #[value(name = "post")]
+    PostClassified,
+    /// αd is integrated along the step, so that no boundary is missed, however thin it is and however long the step.
+    #[default]
+    #[value(name = "pre")]
+    Preintegrated,
+}
 
 /// Sampling, light and background.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RenderSettings {
     /// Distance between samples along a ray, in multiples of `L_min`; positive. A quarter leaves no visible rings.
     pub step: f32,
+    /// How samples stand for steps.
+    pub integration: Integration,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],
     /// Whether rays leap over space in which nothing can be drawn; the picture is the same without.
@@ -25,6 +40,7 @@ impl Default for RenderSettings {
     fn default() -> Self {
         Self {
             step: 0.25,
+            integration: Integration::default(),
             background: [0.0; 3],
             leaps: true,
             light: Light::default(),

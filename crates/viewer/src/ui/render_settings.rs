@@ -3,7 +3,7 @@
 use egui::{Slider, Ui};
 
 use super::form::{color_row, rows, slider_row};
-use crate::state::RenderSettings;
+use crate::state::{Integration, RenderSettings};
 
 /// Smallest and largest step of the slider, in multiples of the smallest voxel spacing.
 const STEPS: std::ops::RangeInclusive<f32> = 0.0625..=2.0;
@@ -32,4 +32,9 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
         color_row(ui, "background", &mut settings.background);
     });
     ui.checkbox(&mut settings.light.follows_camera, "light follows the camera");
+    let mut integrates = settings.integration == Integration::Preintegrated;
+    let checkbox = ui.checkbox(&mut integrates, "opacity integrated along steps");
+    if checkbox.on_hover_text("No boundary is missed between two samples; without, steps have to be short").changed() {
+        settings.integration = if integrates { Integration::Preintegrated } else { Integration::PostClassified };
+    }
 }

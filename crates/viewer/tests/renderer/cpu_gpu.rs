@@ -3,7 +3,7 @@
 use glam::DVec3;
 use voxrole_pack::GridGeometry;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
-use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset};
+use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, Integration};
 use voxrole_viewer::{Error, Gpu, Renderer, Target, ViewState};
 
 use crate::phantom::{Phantom, SHELLS, Shell, orthographic};
@@ -29,10 +29,12 @@ fn gpu_and_cpu_draw_the_same_ball_and_shells() {
 fn gpu_and_cpu_agree_for_every_kind_of_emphasis() {
     let Some(gpu) = gpu_or_skip("gpu_and_cpu_agree_for_every_kind_of_emphasis") else { return };
     let phantom = Phantom::concentric_shells();
-    for (name, emphasis) in BoundaryEmphasis::figure_9(15.0) {
+    let integrations = [Integration::Preintegrated, Integration::PostClassified].into_iter().cycle();
+    for ((name, emphasis), integration) in BoundaryEmphasis::figure_9(15.0).into_iter().zip(integrations) {
         let mut state = phantom.state(Camera::default());
         state.render_settings.image_size = [64, 64];
         state.transfer_function.emphasis = emphasis.into();
+        state.render_settings.integration = integration;
         compare(&gpu, name, &phantom, &state);
     }
 }

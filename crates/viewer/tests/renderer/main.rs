@@ -1,6 +1,7 @@
 //! The two ray marchers on phantoms whose roles are known exactly.
 
 mod cpu_gpu;
+mod integration;
 mod packed_file;
 mod phantom;
 mod sampling_rule;

@@ -15,9 +15,9 @@ fn opacity_by_role(bin: vec2<u32>) -> vec4<f32> {
     return vec4<f32>(textureLoad(opacity_table, bin, 0)) / 65535.0;
 }
 
-// Opacity by signed distance to the boundary, for the regions that count in a bin.
-fn opacity_by_distance(bin: vec2<u32>, distance: f32) -> f32 {
-    let row = 2u * textureLoad(emphases, bin, 0).x + select(0u, 1u, distance < 0.0);
+// Opacity by signed distance to the boundary, of an emphasis.
+fn opacity_by_distance(emphasis: u32, distance: f32) -> f32 {
+    let row = 2u * emphasis + select(0u, 1u, distance < 0.0);
     let place = min(abs(distance) * textureLoad(emphasis_table, vec2<u32>(0u, row), 0).x, INTERVALS);
     let interval = u32(place);
     let start = textureLoad(emphasis_table, vec2<u32>(interval + 1u, row), 0).x;

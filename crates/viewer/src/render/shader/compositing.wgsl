@@ -19,7 +19,7 @@ fn march(ray: Ray) -> vec4<f32> {
             along = interval.x + count * frame.step;
             continue;
         }
-        let role = sample_role(place, &cell);
+        let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let opacity = correct_opacity(role.opacity);
             let color = shade(role.color, role.normal, -ray.direction);

@@ -4,6 +4,7 @@
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
+    include_str!("preintegration.wgsl"),
     include_str!("sampling.wgsl"),
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
@@ -18,10 +19,12 @@ mod tests {
     use crate::classify::emphasis_table::INTERVALS;
     use crate::classify::macrocells::MACROCELL;
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
+    use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
 
-    const CHUNKS: [(&str, &str); 6] = [
+    const CHUNKS: [(&str, &str); 7] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
+        ("preintegration", include_str!("preintegration.wgsl")),
         ("sampling", include_str!("sampling.wgsl")),
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
@@ -45,6 +48,9 @@ mod tests {
 
     #[test]
     fn sizes_are_the_program_s() {
+        assert!(SOURCE.contains(&format!("const STRETCHES: f32 = {STRETCHES}.0;")));
+        assert!(SOURCE.contains(&format!("const LEVELS: f32 = {LEVELS}.0;")));
+        assert!(SOURCE.contains(&format!("const SHORTEST: f32 = {SHORTEST};")));
         assert!(SOURCE.contains(&format!("const INTERVALS: f32 = {INTERVALS:?}.0;")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));

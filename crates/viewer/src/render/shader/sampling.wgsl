@@ -88,6 +88,7 @@ fn add_voxel(
     value: f32,
     fraction: vec3<f32>,
     corner: vec3<f32>,
+    direction: vec3<f32>,
 ) {
     if weight == 0.0 || !has_hit(texel) {
         return;
@@ -99,13 +100,14 @@ fn add_voxel(
     }
     let normal = decode_normal(texel.w);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
-    let share = weight * (by_role.a * opacity_by_distance(bin, distance));
+    let half = abs(dot(normal, direction)) * frame.half_step;
+    let share = weight * opacity_of_step(bin, by_role.a, distance, half);
     (*sum).opacity += share;
     (*sum).color += share * by_role.rgb;
     (*sum).normal += share * normal;
 }
 
-fn sample_cell(cell: Cell, fraction: vec3<f32>) -> RoleSample {
+fn sample_cell(cell: Cell, fraction: vec3<f32>, direction: vec3<f32>) -> RoleSample {
     let high = fraction;
     let low = 1.0 - fraction;
     let w000 = low.x * low.y * low.z;
@@ -120,14 +122,14 @@ fn sample_cell(cell: Cell, fraction: vec3<f32>) -> RoleSample {
         + w110 * f32(cell.t110.x) + w001 * f32(cell.t001.x) + w101 * f32(cell.t101.x)
         + w011 * f32(cell.t011.x) + w111 * f32(cell.t111.x);
     var sum = RoleSum(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
-    add_voxel(&sum, cell.t000, w000, value, fraction, vec3<f32>(0.0, 0.0, 0.0));
-    add_voxel(&sum, cell.t100, w100, value, fraction, vec3<f32>(1.0, 0.0, 0.0));
-    add_voxel(&sum, cell.t010, w010, value, fraction, vec3<f32>(0.0, 1.0, 0.0));
-    add_voxel(&sum, cell.t110, w110, value, fraction, vec3<f32>(1.0, 1.0, 0.0));
-    add_voxel(&sum, cell.t001, w001, value, fraction, vec3<f32>(0.0, 0.0, 1.0));
-    add_voxel(&sum, cell.t101, w101, value, fraction, vec3<f32>(1.0, 0.0, 1.0));
-    add_voxel(&sum, cell.t011, w011, value, fraction, vec3<f32>(0.0, 1.0, 1.0));
-    add_voxel(&sum, cell.t111, w111, value, fraction, vec3<f32>(1.0, 1.0, 1.0));
+    add_voxel(&sum, cell.t000, w000, value, fraction, vec3<f32>(0.0, 0.0, 0.0), direction);
+    add_voxel(&sum, cell.t100, w100, value, fraction, vec3<f32>(1.0, 0.0, 0.0), direction);
+    add_voxel(&sum, cell.t010, w010, value, fraction, vec3<f32>(0.0, 1.0, 0.0), direction);
+    add_voxel(&sum, cell.t110, w110, value, fraction, vec3<f32>(1.0, 1.0, 0.0), direction);
+    add_voxel(&sum, cell.t001, w001, value, fraction, vec3<f32>(0.0, 0.0, 1.0), direction);
+    add_voxel(&sum, cell.t101, w101, value, fraction, vec3<f32>(1.0, 0.0, 1.0), direction);
+    add_voxel(&sum, cell.t011, w011, value, fraction, vec3<f32>(0.0, 1.0, 1.0), direction);
+    add_voxel(&sum, cell.t111, w111, value, fraction, vec3<f32>(1.0, 1.0, 1.0), direction);
     if sum.opacity <= 0.0 {
         return RoleSample(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
     }
@@ -151,13 +153,13 @@ fn place_at(position: vec3<f32>) -> Place {
     return Place(vec3<i32>(base), index - base);
 }
 
-// The sample at a place; `cell` is the last sample's and is replaced where the place lies in another.
-fn sample_role(place: Place, cell: ptr<function, Cell>) -> RoleSample {
+// The sample at a place, for a step along a unit vector; `cell` is the last sample's and is replaced where the place lies in another.
+fn sample_role(place: Place, direction: vec3<f32>, cell: ptr<function, Cell>) -> RoleSample {
     if any(place.base != (*cell).base) {
         *cell = load_cell(place.base);
     }
     if !(*cell).is_active {
         return RoleSample(0.0, vec3<f32>(0.0), vec3<f32>(0.0));
     }
-    return sample_cell(*cell, place.fraction);
+    return sample_cell(*cell, place.fraction, direction);
 }

@@ -16,7 +16,7 @@ struct Uniforms {
     box_low: vec3<f32>,
     specular: f32,
     box_high: vec3<f32>,
-    padding_after_box: f32,
+    half_step: f32,
     spacing: vec3<f32>,
     padding_after_spacing: f32,
     inverse_spacing: vec3<f32>,
@@ -45,6 +45,8 @@ struct Ray {
 @group(0) @binding(4) var emphases: texture_2d<u32>;
 // αd by distance; two rows an emphasis: that of the high-value side first.
 @group(0) @binding(5) var emphasis_table: texture_2d<f32>;
+// Integrals of the optical depth by distance (x), for levels of αu (y) and rows of the table above (z).
+@group(0) @binding(6) var preintegration: texture_3d<f32>;
 // How many macrocells each is away from one in which something can be drawn.
 @group(0) @binding(3) var occupancy: texture_3d<u32>;
 
