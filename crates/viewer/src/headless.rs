@@ -46,7 +46,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         }
     }
     if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
-        tell(format!("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region"));
+        tell("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
     }
     atomic_file::write(output, &picture.to_png()?).with_context(writing)
 }
