@@ -64,6 +64,13 @@ peers-exports:
     cargo build --release -p voxrole-preprocess --bin voxrole
     target/peers/bin/python tests/peers/exports.py target/release/voxrole
 
+# Pictures of volumes beside VTK's CPU ray caster (VTK from PyPI), by turns, with both pictures in a folder.
+peers-vtk OUT +VOLUMES:
+    python3 -m venv target/peers
+    target/peers/bin/pip install --quiet vtk
+    cargo build --release --no-default-features --bins
+    target/peers/bin/python tests/peers/vtk_render.py target/release/voxrole-view target/release/voxrole {{OUT}} {{VOLUMES}}
+
 # What is packed, read by a second reader that was written from crates/pack/SPEC.md alone (numpy, zstandard and pynrrd).
 peers-second-reader:
     cargo build --release --bin voxrole
