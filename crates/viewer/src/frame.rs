@@ -195,7 +195,8 @@ fn light_direction(view: &ViewAxes, azimuth: f32, elevation: f32) -> Vec3 {
     (cos_elevation * level + sin_elevation * view.up).normalize_or(-view.forward)
 }
 
-fn within(number: f32, [low, high]: [f32; 2], otherwise: f32) -> f32 {
+/// A setting brought into its range; `otherwise` for NaN.
+pub(crate) fn within(number: f32, [low, high]: [f32; 2], otherwise: f32) -> f32 {
     if number.is_nan() { otherwise } else { number.clamp(low, high) }
 }
 

@@ -1,6 +1,7 @@
 //! αd of a whole transfer function as a table over distance: one for all, and those of regions that have their own.
 
 use super::opacity_by_distance;
+use crate::frame::within;
 use crate::state::{BoundaryEmphasis, TransferFunction, TwoSidedEmphasis};
 
 /// Parts into which distances from 0 to `d_c` are cut; αd is linear in each, which is off by n²/8 · 10⁻⁶ at most.
@@ -41,7 +42,7 @@ impl EmphasisTable {
         self.look_up_row(2 * index + usize::from(distance < 0.0), distance.abs())
     }
 
-    /// αd of a row at an unsigned distance.
+    /// αd of a row at an unsigned distance in multiples of `L_min`.
     #[must_use]
     #[inline]
     pub fn look_up_row(&self, row: usize, distance: f32) -> f32 {
@@ -58,14 +59,14 @@ impl EmphasisTable {
         self.numbers.len() / ROW
     }
 
-    /// Intervals of a row per unit of distance.
+    /// Intervals of a row per `L_min` of distance.
     #[must_use]
     #[inline]
     pub fn scale(&self, row: usize) -> f32 {
         self.numbers[row * ROW]
     }
 
-    /// The distance at which a row's αd ends.
+    /// The distance at which a row's αd ends, in multiples of `L_min`.
     #[must_use]
     pub fn d_c(&self, row: usize) -> f32 {
         INTERVALS as f32 / self.scale(row)
@@ -86,9 +87,6 @@ impl EmphasisTable {
 
 /// Settings brought into the range that they can have.
 fn usable(emphasis: BoundaryEmphasis) -> BoundaryEmphasis {
-    let within = |number: f32, [low, high]: [f32; 2], otherwise| {
-        if number.is_nan() { otherwise } else { number.clamp(low, high) }
-    };
     BoundaryEmphasis {
         kind: emphasis.kind,
         a: within(emphasis.a, [0.0, 1.0], 1.0),

@@ -2,9 +2,10 @@
 //!
 //! A macrocell is a cube of [`MACROCELL`]³ cells with all their voxels, those on its faces included. What a sample in it can
 //! show depends on nothing but its voxels' values, distances and gradient magnitudes: where no value between the smallest and
-//! the largest has an opacity together with any of the magnitudes, or no distance is small enough, no sample needs to be taken.
+//! the largest has an opacity together with any of the magnitudes, or no distance is small enough, no sample needs to be taken. How far a ray may leap is a distance transform: Zuiderveld, Koning and
+//! Viergever, Acceleration of ray-casting using 3D distance transforms, 1992.
 
-use glam::{UVec3, Vec3};
+use glam::{BVec3, IVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
 use super::OpacityTable;
@@ -89,7 +90,7 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Holds the ranges against a table; what lies `reach` or farther from its boundary is not drawn.
+    /// Holds the ranges against a table; what lies [`Frame::reach`] or farther from its boundary is not drawn.
     #[must_use]
     pub fn new(volume: &MacrocellRanges, table: &OpacityTable, frame: &Frame) -> Self {
         let lit = table.lit_bins();
@@ -125,7 +126,7 @@ impl Occupancy {
 pub struct LeapingRay {
     origin: Vec3,
     inverse: Vec3,
-    is_forward: glam::BVec3,
+    is_forward: BVec3,
     spacing: Vec3,
     slack: Vec3,
 }
@@ -145,11 +146,11 @@ impl LeapingRay {
         }
     }
 
-    /// A parameter up to which every sample lies in a macrocell closer than `distance` to that of `cell`, rounding included.
+    /// A parameter, in multiples of `L_min`, up to which every sample lies in a macrocell closer than `distance` to that of `cell`, rounding included.
     #[must_use]
     pub fn leaves(&self, cell: UVec3, distance: u8) -> f32 {
         let (macrocell, distance) = ((cell / MACROCELL).as_ivec3(), i32::from(distance));
-        let corner = glam::IVec3::select(self.is_forward, macrocell + distance, macrocell + 1 - distance);
+        let corner = IVec3::select(self.is_forward, macrocell + distance, macrocell + 1 - distance);
         let plane = (corner * MACROCELL as i32).as_vec3() * self.spacing + self.slack;
         let [x, y, z] = ((plane - self.origin) * self.inverse).to_array();
         x.min(y).min(z)

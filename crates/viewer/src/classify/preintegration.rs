@@ -2,7 +2,8 @@
 //!
 //! A path of length l with opacity α for each `L_min` lets `exp(−∫ τ)` through, with `τ = −ln(1 − α)` for each `L_min`. The
 //! integral of τ(αu·αd(x)) from 0 to d is tabulated for levels of αu; the mean of τ between any two distances is then a
-//! difference of two entries, so that a boundary within a step is seen, however thin αd is.
+//! difference of two entries, so that a boundary within a step is seen, however thin αd is. After Engel, Kraus and Ertl, High-quality
+//! pre-integrated volume rendering using hardware-accelerated pixel shading, 2001, for a product of which one factor stays.
 
 use super::EmphasisTable;
 use super::emphasis_table::INTERVALS;
@@ -56,7 +57,8 @@ impl PreintegrationTable {
     }
 
     /// The opacity for each `L_min` of a stretch around a signed distance, where αu is `by_role` throughout, and the distance
-    /// changes by `half` to either side.
+    /// changes by `half` to either side, both in multiples of `L_min`. Right to 0.004 where that is
+    /// not shorter than [`SHORTEST`].
     #[must_use]
     #[inline]
     pub fn look_up(&self, emphases: &EmphasisTable, index: usize, by_role: f32, distance: f32, half: f32) -> f32 {

@@ -13,13 +13,15 @@ use super::volume_textures::VolumeTextures;
 use crate::Result;
 use crate::classify::EmphasisTable;
 use crate::frame::Frame;
-use crate::state::ViewState;
+use crate::state::{TransferFunction, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
     gpu: Gpu,
     volume: VolumeDescription,
+    /// αd of the last picture, which may be drawn in many parts.
+    emphases: Option<(TransferFunction, EmphasisTable)>,
     volume_textures: VolumeTextures,
     lookup_textures: LookupTextures,
     ray_march: RayMarch,
@@ -39,7 +41,7 @@ impl Renderer {
             let ray_march = RayMarch::new(gpu);
             let bind_group = ray_march.bind(gpu, volume_textures.view(), &lookup_textures);
             let volume = volume.description.clone();
-            Self { gpu: gpu.clone(), volume, volume_textures, lookup_textures, ray_march, bind_group }
+            Self { gpu: gpu.clone(), volume, emphases: None, volume_textures, lookup_textures, ray_march, bind_group }
         })
     }
 
@@ -68,9 +70,12 @@ impl Renderer {
     /// When `rows` reach beyond the target.
     pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) {
         let gpu = &self.gpu;
-        let emphases = EmphasisTable::new(&state.transfer_function);
-        let frame = Frame::new(state, &self.volume, &emphases, target.size());
-        if self.lookup_textures.update(gpu, state, &self.volume, &emphases, &frame) {
+        let kept = self.emphases.take().filter(|(of, _)| *of == state.transfer_function);
+        let (_, emphases) = self.emphases.insert(
+            kept.unwrap_or_else(|| (state.transfer_function.clone(), EmphasisTable::new(&state.transfer_function))),
+        );
+        let frame = Frame::new(state, &self.volume, emphases, target.size());
+        if self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame) {
             self.bind_group = self.ray_march.bind(gpu, self.volume_textures.view(), &self.lookup_textures);
         }
         self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));

@@ -1,8 +1,8 @@
 //! The attributes of a DICOM file: <https://dicom.nema.org/medical/dicom/current/output/chtml/part05/chapter_7.html>.
 //!
-//! They are read here and not by the crates of dicom-rs (0.10), all of which were tried. `dicom-object` takes and clears as much
+//! They are read here and not by the crates of dicom-rs (0.10). `dicom-object` takes and clears as much
 //! memory as a length claims before it looks for the bytes: a file of 258 bytes made it use 4 GiB. The lazy reader of
-//! `dicom-parser` under it does not, but takes a file that ends within a sequence for a whole one, reads the items of a
+//! `dicom-parser` under it does not; by its code it takes a file that ends within a sequence for a whole one, reads the items of a
 //! sequence of unknown kind as if they carried kinds, and brings the crate `encoding`, which nobody looks after any more
 //! (RUSTSEC-2021-0153). Here a value is either one of those that say what the volume is, which are short, or it is passed
 //! over; pixels stay in the file.
