@@ -128,8 +128,8 @@ pub fn resume(bytes: &[u8]) {
     let output = FOLDER.with(|folder| folder.path().join("a.vxr"));
     write(&path_of(&output), bytes);
     let Ok(mut claim) = Claim::new(&output) else { return };
-    let _ = claim.findings([9; 32]);
-    let Ok(unfinished) = Unfinished::resume(claim, [1; 32], [9; 32], &[]) else { return };
+    let Some(head) = claim.head() else { return };
+    let Ok(unfinished) = Unfinished::resume(claim, &head) else { return };
     for block in (0..64).filter(|&block| unfinished.has(block)) {
         let _ = unfinished.numbers(block);
         for (layer, brick) in (0..4).flat_map(|layer| (0..4).map(move |brick| (layer, brick))) {

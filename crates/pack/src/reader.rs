@@ -349,25 +349,32 @@ impl Reader {
     /// Reads everything and checks every byte.
     ///
     /// # Errors
-    /// The first damage found, by brick and layer.
+    /// The first damage by brick and layer, and how much more there is.
     pub fn verify(&self) -> Result<Verified> {
-        let mut bricks = 0;
+        let (mut bricks, mut damage) = (0, Vec::new());
         for level in 0..self.levels() {
             let grid = self.grid(level)?;
             for table in self.directory.order().tables() {
                 bricks += grid.len() as u64;
-                (0..grid.len()).into_par_iter().try_for_each(|brick| match table {
+                let check = |brick: usize| match table {
                     Table::Mask => self.verify_mask(level, brick, &grid),
                     Table::Layer(layer) => with_scalar_type!(self.header.layers[layer].scalar_type, T => {
                         self.verify_brick::<T>(layer, level, brick, &grid)
                     }),
-                })?;
+                };
+                damage.par_extend((0..grid.len()).into_par_iter().filter_map(|brick| check(brick).err()));
             }
         }
-        for index in 0..self.header.histograms.len() {
-            self.read_histogram_at(index)?;
+        let histograms = 0..self.header.histograms.len();
+        damage.extend(histograms.filter_map(|index| self.read_histogram_at(index).err()));
+        let more = damage.len().saturating_sub(1);
+        match damage.into_iter().next() {
+            None => Ok(Verified { bricks, bytes: self.file_bytes }),
+            Some(Error::Format(first)) if more > 0 => {
+                Err(Error::Format(format!("{first}; {more} more bricks or histograms are damaged")))
+            }
+            Some(first) => Err(first),
         }
-        Ok(Verified { bricks, bytes: self.file_bytes })
     }
 
     fn verify_mask(&self, level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {

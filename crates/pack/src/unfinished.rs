@@ -1,8 +1,8 @@
 //! What a run has done so far, block by block, so that the next one can go on.
 //!
-//! The file begins with a mark, fingerprints of the whole task and of its input file, and what was found out about the input
-//! before the first block. One record for each finished block follows: a table,
-//! then the block's bricks and numbers. Every byte is under a checksum, so that a record is whole or none: what a run that
+//! The file begins with a mark, fingerprints of the whole task and of its input file, how the volume is cut, and what was
+//! found out about the input before the first block. One record for each finished block follows: a table, then the block's
+//! bricks and numbers. Every byte is under a checksum, so that a record is whole or none: what a run that
 //! was killed left behind the last whole one is cut off. The file is locked as long as a run uses it.
 
 use std::collections::BTreeMap;
@@ -22,9 +22,9 @@ use crate::value_range::ValueRange;
 use crate::{Error, Result, atomic_file, codec};
 
 /// How the file begins; the digit is its version.
-const MAGIC: [u8; 8] = *b"VXRPART2";
-/// The mark, both fingerprints, and the numbers' count and CRC-32.
-const HEAD_BYTES: usize = 80;
+const MAGIC: [u8; 8] = *b"VXRPART3";
+/// The mark, both fingerprints, the block's edges, the numbers' count, and the CRC-32 of all but the mark.
+const HEAD_BYTES: usize = 92;
 /// Most numbers that are kept of an input or a block.
 const MOST_NUMBERS: usize = 1 << 24;
 /// Most bytes of a record's table.
@@ -92,12 +92,11 @@ impl Claim {
         &self.path
     }
 
-    /// What an earlier run kept of the same input file, whatever its task was.
+    /// What an earlier run was about, if it was stopped.
     #[must_use]
-    pub fn findings(&mut self, input: [u8; 32]) -> Option<Vec<u64>> {
+    pub fn head(&mut self) -> Option<Head> {
         let length = self.file.metadata().ok()?.len();
-        let head = read_head(&mut self.file, length).ok()??;
-        (head.input == input).then_some(head.findings)
+        read_head(&mut self.file, length).ok()?
     }
 
     /// Removes the file, whatever is in it.
@@ -181,21 +180,28 @@ impl std::fmt::Debug for PackerDebug {
 }
 
 impl Unfinished {
-    /// Goes on where the last run of the same task was stopped; begins anew where there was none, or another task. Fingerprint
-    /// and findings of the input are kept for [`Claim::findings`].
+    /// Goes on where the last run with the same head was stopped; begins anew where there was none, or where it had finished no
+    /// block.
     ///
     /// # Errors
-    /// [`Error::Io`].
-    pub fn resume(mut claim: Claim, task: [u8; 32], input: [u8; 32], findings: &[u64]) -> Result<Self> {
+    /// [`Error::Parameter`] when there are finished blocks of another task, which are not to be lost; [`Error::Io`].
+    pub fn resume(mut claim: Claim, head: &Head) -> Result<Self> {
         let io = |action: &str| Error::io(format!("{action} {}", claim.path.display()));
         let mut file = claim.file.try_clone().map_err(io("opening"))?;
-        let found = read_records(&mut file, task).map_err(io("reading"))?;
-        let (records, position) = match found {
-            Some(found) => found,
-            None => {
+        let (records, position) = match read_content(&mut file).map_err(io("reading"))? {
+            Some(found) if found.head == *head => (found.records, found.end),
+            Some(Content { records, .. }) if !records.is_empty() => {
+                return Err(Error::Parameter(format!(
+                    "{}: holds {} finished blocks of a run on another input, with other settings, or with more memory: finish \
+                     that run, or delete the file",
+                    claim.path.display(),
+                    records.len()
+                )));
+            }
+            _ => {
                 file.set_len(0).map_err(io("clearing"))?;
                 file.seek(SeekFrom::Start(0)).map_err(io("clearing"))?;
-                let head = Head { task, input, findings: findings.to_vec() }.to_bytes();
+                let head = head.to_bytes();
                 file.write_all(&head).map_err(io("writing"))?;
                 (BTreeMap::new(), head.len() as u64)
             }
@@ -329,20 +335,36 @@ impl Unfinished {
     }
 }
 
-/// How the file begins.
-struct Head {
-    task: [u8; 32],
-    input: [u8; 32],
-    findings: Vec<u64>,
+/// What a run is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// Fingerprint of all that the finished file depends on.
+    pub task: [u8; 32],
+    /// Fingerprint of the input file.
+    pub input: [u8; 32],
+    /// Voxels of a block along x, y, z.
+    pub block: [u32; 3],
+    /// What was found out about the input.
+    pub findings: Vec<u64>,
 }
 
 impl Head {
     fn to_bytes(&self) -> Vec<u8> {
-        let numbers: Vec<u8> = self.findings.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let edges = self.block.map(u32::to_le_bytes).concat();
         let count = (self.findings.len() as u32).to_le_bytes();
-        let crc32 = crc32fast::hash(&numbers).to_le_bytes();
-        [&MAGIC[..], &self.task, &self.input, &count, &crc32, &numbers].concat()
+        let numbers: Vec<u8> = self.findings.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let mut bytes = [&MAGIC[..], &self.task, &self.input, &edges, &count, &[0; 4], &numbers].concat();
+        let crc32 = head_crc32(&bytes[..HEAD_BYTES], &numbers).to_le_bytes();
+        bytes[HEAD_BYTES - 4..HEAD_BYTES].copy_from_slice(&crc32);
+        bytes
     }
+}
+
+fn head_crc32(start: &[u8], numbers: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&start[MAGIC.len()..HEAD_BYTES - 4]);
+    hasher.update(numbers);
+    hasher.finalize()
 }
 
 /// The head of a file; none where it is not whole. The file is then read up to its end.
@@ -354,31 +376,39 @@ fn read_head(file: &mut File, length: u64) -> std::io::Result<Option<Head>> {
     }
     file.read_exact(&mut start)?;
     let word = |at: usize| u32::from_le_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]]);
-    let (count, crc32) = (word(72) as usize, word(76));
+    let (count, crc32) = (word(84) as usize, word(88));
     if start[..8] != MAGIC || count > MOST_NUMBERS || length < (HEAD_BYTES + 8 * count) as u64 {
         return Ok(None);
     }
     let mut bytes = vec![0; 8 * count];
     file.read_exact(&mut bytes)?;
-    if !checksum_fits(crc32, crc32fast::hash(&bytes)) {
+    if !checksum_fits(crc32, head_crc32(&start, &bytes)) {
         return Ok(None);
     }
     let part = |at: usize| std::array::from_fn(|index| start[at + index]);
     let findings = bytes.as_chunks::<8>().0.iter().map(|number| u64::from_le_bytes(*number)).collect();
-    Ok(Some(Head { task: part(8), input: part(40), findings }))
+    Ok(Some(Head { task: part(8), input: part(40), block: [72, 76, 80].map(word), findings }))
 }
 
-/// All whole records of a task and the position behind them; none where the file is another task's.
-fn read_records(file: &mut File, task: [u8; 32]) -> std::io::Result<Option<(BTreeMap<u32, Record>, u64)>> {
+/// What is whole of a file.
+struct Content {
+    head: Head,
+    records: BTreeMap<u32, Record>,
+    /// The position behind them.
+    end: u64,
+}
+
+/// What is whole of a file; none where the head is not.
+fn read_content(file: &mut File) -> std::io::Result<Option<Content>> {
     let length = file.metadata()?.len();
-    let Some(head) = read_head(file, length)?.filter(|head| head.task == task) else { return Ok(None) };
-    let (mut records, mut position) = (BTreeMap::new(), (HEAD_BYTES + 8 * head.findings.len()) as u64);
+    let Some(head) = read_head(file, length)? else { return Ok(None) };
+    let (mut records, mut end) = (BTreeMap::new(), (HEAD_BYTES + 8 * head.findings.len()) as u64);
     let mut reader = BufReader::with_capacity(1 << 20, file);
-    while let Some((record, end)) = read_record(&mut reader, position, length)? {
+    while let Some((record, behind)) = read_record(&mut reader, end, length)? {
         records.insert(record.block, record);
-        position = end;
+        end = behind;
     }
-    Ok(Some((records, position)))
+    Ok(Some(Content { head, records, end }))
 }
 
 /// The record at `position`, and where it ends; none where it is not whole.
@@ -428,15 +458,19 @@ mod tests {
         PackedBrick { encoding: Encoding::Raw, crc32: crc32fast::hash(&bytes), bytes, range: None }
     }
 
-    fn open(output: &Path, task: u8) -> Unfinished {
-        Unfinished::resume(Claim::new(output).expect("free"), [task; 32], [9; 32], &[4, 5]).expect("opens")
+    fn head(task: u8) -> Head {
+        Head { task: [task; 32], input: [9; 32], block: [32, 64, 96], findings: vec![4, 5] }
+    }
+
+    fn open(output: &Path) -> Unfinished {
+        Unfinished::resume(Claim::new(output).expect("free"), &head(1)).expect("opens")
     }
 
     #[test]
     fn whole_records_survive_and_torn_ones_do_not() {
         let folder = tempfile::tempdir().expect("a folder");
         let output = folder.path().join("out.vxr");
-        let mut unfinished = open(&output, 1);
+        let mut unfinished = open(&output);
         let path = unfinished.claim.path().to_owned();
         unfinished.append(3, &[vec![brick(1), brick(2)], vec![brick(3)]], &[7; 9]).expect("writes");
         let first = std::fs::metadata(&path).expect("there").len();
@@ -446,7 +480,7 @@ mod tests {
         for length in 0..=whole.len() {
             std::fs::write(&path, &whole[..length]).expect("writes");
             let expected = usize::from(length as u64 >= first) + usize::from(length == whole.len());
-            let unfinished = open(&output, 1);
+            let unfinished = open(&output);
             assert_eq!(unfinished.len(), expected, "{length}");
             if expected > 0 {
                 assert!(unfinished.has(3));
@@ -458,19 +492,17 @@ mod tests {
             let mut damaged = whole.clone();
             damaged[at] ^= 16;
             std::fs::write(&path, &damaged).expect("writes");
-            if (40..72).contains(&at) {
-                // The input's fingerprint: nothing that is known of an input is known of this one.
-                assert_eq!(Claim::new(&output).expect("free").findings([9; 32]), None);
-            } else {
-                assert!(open(&output, 1).len() < 2, "{at}");
-            }
+            assert!(open(&output).len() < 2, "{at}");
         }
         std::fs::write(&path, &whole).expect("writes");
         let mut claim = Claim::new(&output).expect("free");
-        assert_eq!(claim.findings([9; 32]), Some(vec![4, 5]));
-        assert_eq!(claim.findings([8; 32]), None);
-        drop(claim);
-        assert!(open(&output, 2).is_empty());
+        assert_eq!(claim.head(), Some(head(1)));
+        let refused = Unfinished::resume(claim, &head(2)).expect_err("another task").to_string();
+        assert!(refused.contains("holds 2 finished blocks"), "{refused}");
+        assert_eq!(open(&output).len(), 2, "still there");
+        // Before the first block is finished, there is nothing to be lost.
+        std::fs::write(&path, head(2).to_bytes()).expect("writes");
+        assert!(open(&output).is_empty());
         assert!(!path.exists(), "nothing to go on from");
     }
 

@@ -28,6 +28,8 @@ const BRICKS_IN_FLIGHT: usize = 64;
 /// A packed file in the making; nothing is seen under its final name before [`Writer::finish`].
 pub struct Writer {
     file: BufWriter<AtomicFile>,
+    /// The path, for messages.
+    name: String,
     position: u64,
     geometry: GridGeometry,
     levels: usize,
@@ -75,8 +77,9 @@ impl Writer {
         if !(1..=MOST_LEVELS).contains(&levels) {
             return Err(Error::Parameter(format!("{levels} levels of detail: expected 1 to {MOST_LEVELS}")));
         }
-        let file = AtomicFile::create(path).map_err(Error::io("creating the packed file"))?;
+        let file = AtomicFile::create(path).map_err(Error::io(format!("creating {}", path.display())))?;
         let mut writer = Self {
+            name: path.display().to_string(),
             file: BufWriter::with_capacity(1 << 20, file),
             position: 0,
             geometry,
@@ -260,7 +263,7 @@ impl Writer {
         let directory = self.append_table(&directory)?;
         let prologue = Prologue { file_bytes: self.position, header, directory };
 
-        let finishing = || Error::io("finishing the packed file");
+        let finishing = || Error::io(format!("writing {}", self.name));
         let mut file = self.file.into_inner().map_err(|error| finishing()(error.into_error()))?;
         file.file_mut().seek(SeekFrom::Start(0)).map_err(finishing())?;
         file.write_all(&prologue.to_bytes()).map_err(finishing())?;
@@ -286,7 +289,7 @@ impl Writer {
 
     fn append(&mut self, bytes: &[u8]) -> Result<u64> {
         let offset = self.position;
-        self.file.write_all(bytes).map_err(Error::io("writing the packed file"))?;
+        self.file.write_all(bytes).map_err(Error::io(format!("writing {}", self.name)))?;
         self.position += bytes.len() as u64;
         Ok(offset)
     }

@@ -7,7 +7,6 @@ use crate::differentiation::Kernel;
 use crate::reconstruction::Reconstruction;
 use crate::region::Region;
 use crate::settings::{Automatic, Settings, Smoothing};
-use crate::{Error, Result};
 
 /// The largest volume that is one block, in voxels: one that is killed begins anew.
 pub const MOST_AT_ONCE: usize = 1 << 26;
@@ -69,8 +68,8 @@ impl BlockPlan {
     /// a block depends on its surroundings.
     ///
     /// # Errors
-    /// [`Error::Parameter`] when not even the smallest block fits, with what it needs.
-    pub fn new(dims: [usize; 3], reach: [usize; 3], cost: Cost, memory: u64) -> Result<Self> {
+    /// When not even the smallest block fits, the bytes that it takes up.
+    pub fn new(dims: [usize; 3], reach: [usize; 3], cost: Cost, memory: u64) -> Result<Self, u64> {
         let edges = |axis: usize| {
             let dim = dims[axis];
             (1..=dim.div_ceil(BRICK_EDGE)).map(move |bricks| (bricks * BRICK_EDGE).min(dim))
@@ -79,7 +78,7 @@ impl BlockPlan {
         let work = |axis: usize, edge: usize| -> usize {
             (0..dims[axis].div_ceil(edge)).map(|block| padded_len(block * edge, edge, reach[axis], dims[axis])).sum()
         };
-        let longest = |axis: usize, edge: usize| (edge + 2 * reach[axis]).min(dims[axis]);
+        let longest = |axis: usize, edge: usize| padded_edge(edge, reach[axis], dims[axis]);
         let along = [0, 1, 2]
             .map(|axis| edges(axis).map(|edge| (edge, longest(axis, edge), work(axis, edge))).collect::<Vec<_>>());
         let mut best: Option<(u128, usize, [usize; 3])> = None;
@@ -101,15 +100,27 @@ impl BlockPlan {
                 }
             }
         }
-        let (.., block) = best.ok_or_else(|| {
-            Error::Parameter(format!(
-                "--memory {} MiB: the smallest block takes {} MiB with these settings; give at least that much, or a shorter \
-                 --dmax",
-                memory >> 20,
-                (least >> 20) + 1
-            ))
-        })?;
-        Ok(Self { dims, block })
+        best.map(|(.., block)| Self { dims, block }).ok_or(least)
+    }
+
+    /// The plan that an earlier run made, if it was one for a volume of `dims` voxels and its blocks fit into `memory` bytes.
+    #[must_use]
+    pub fn again(block: [u32; 3], dims: [usize; 3], reach: [usize; 3], cost: Cost, memory: u64) -> Option<Self> {
+        let block = block.map(|edge| edge as usize);
+        let is_edge = |axis: usize| {
+            let (edge, dim) = (block[axis], dims[axis]);
+            edge == dim || (0 < edge && edge < dim && edge.is_multiple_of(BRICK_EDGE))
+        };
+        let plan = Self { dims, block };
+        let largest = || plan.region(0).voxel_count();
+        let padded = || (0..3).map(|axis| padded_edge(block[axis], reach[axis], dims[axis])).product();
+        ((0..3).all(is_edge) && cost.bytes(largest(), padded()) <= memory).then_some(plan)
+    }
+
+    /// Voxels of a block along x, y, z, but for the last ones of an axis, which may have fewer.
+    #[must_use]
+    pub fn block(&self) -> [u32; 3] {
+        self.block.map(|edge| edge as u32)
     }
 
     /// Number of blocks along x, y, z.
@@ -150,6 +161,11 @@ impl BlockPlan {
         let [bricks_x, bricks_y, _] = region.dims().map(|dim| dim.div_ceil(BRICK_EDGE));
         (block, (inside[2] * bricks_y + inside[1]) * bricks_x + inside[0])
     }
+}
+
+/// The longest edge of a block with its surroundings.
+fn padded_edge(edge: usize, reach: usize, dim: usize) -> usize {
+    (edge + 2 * reach).min(dim)
 }
 
 fn padded_len(start: usize, len: usize, reach: usize, dim: usize) -> usize {
@@ -193,7 +209,15 @@ mod tests {
             let padded = block.grown(reach, [2048, 2048, 1024]);
             assert!(cost().bytes(block.voxel_count(), padded.voxel_count()) <= memory, "{block:?}");
         }
-        let message = BlockPlan::new([2048; 3], reach, cost(), 8 << 20).expect_err("too little").to_string();
-        assert!(message.contains("--memory 8 MiB") && message.contains("at least"), "{message}");
+        let plan = BlockPlan::new([100, 70, 200], reach, cost(), 40 << 20).expect("fits");
+        let again = |block: [u32; 3], memory: u64| BlockPlan::again(block, [100, 70, 200], reach, cost(), memory);
+        assert_eq!(again(plan.block(), 40 << 20), Some(plan));
+        assert_eq!(again(plan.block(), 25 << 20), None, "too little memory");
+        for block in [[0, 32, 32], [33, 32, 32], [128, 32, 32], [u32::MAX, 32, 32]] {
+            assert_eq!(again(block, u64::MAX), None, "{block:?}");
+        }
+        let least = BlockPlan::new([2048; 3], reach, cost(), 8 << 20).expect_err("too little");
+        assert!(BlockPlan::new([2048; 3], reach, cost(), least - 1).is_err());
+        assert!(BlockPlan::new([2048; 3], reach, cost(), least).is_ok());
     }
 }

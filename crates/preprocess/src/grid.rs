@@ -10,6 +10,8 @@ use crate::{Error, Result, scan};
 pub struct Grid {
     /// The input's file name, without folders.
     pub name: String,
+    /// The options that the input was read with, as they are typed; empty where it said everything itself.
+    pub read_with: String,
     /// Where the voxels lie.
     pub geometry: GridGeometry,
     /// The stored numbers, x fastest.
@@ -50,7 +52,7 @@ impl Grid {
             )));
         }
         check_mapping(slope, intercept)?;
-        Ok(Self { name: name.into(), geometry, scalars, slope, intercept })
+        Ok(Self { name: name.into(), read_with: String::new(), geometry, scalars, slope, intercept })
     }
 
     /// Physical value of voxel `index`.

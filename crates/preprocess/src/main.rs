@@ -12,12 +12,7 @@ fn main() -> ExitCode {
     let _ = ctrlc::set_handler(|| {
         voxrole_pack::atomic_file::remove_unfinished();
         voxrole_preprocess::atomic_folder::remove_unfinished();
-        for path in voxrole_pack::unfinished::kept() {
-            tell(format!(
-                "\nvoxrole: interrupted; what is done is kept in {}: the same command goes on from there",
-                path.display()
-            ));
-        }
+        cli::say_interrupted();
         std::process::exit(130);
     });
     match cli::run(&cli::args::Cli::parse().command) {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use voxrole_pack::ScalarType;
-use voxrole_pack::unfinished::{Claim, Unfinished};
+use voxrole_pack::unfinished::{Claim, Head, Unfinished};
 
 use crate::automatic::Choice;
 use crate::block_plan::{BlockPlan, Cost, MOST_AT_ONCE};
@@ -19,8 +19,8 @@ use crate::scan::Scan;
 use crate::settings::Settings;
 use crate::source::Source;
 use crate::summary::Summary;
-use crate::working_field::WorkingField;
-use crate::{Error, Grid, Result};
+use crate::working_field::{Scaling, WorkingField};
+use crate::{Error, Grid, Result, reach};
 
 /// Computes the voxel roles of `grid` and writes them to `path`, which appears only when complete.
 ///
@@ -118,10 +118,17 @@ fn run(
     let voxels: usize = dims.iter().product();
     let memory = memory.saturating_sub(source.resident_bytes());
     let at_once = fits_at_once(voxels, source.scalar_type(), settings, memory);
+    if !at_once {
+        // Refused before hours of reading, as far as it is known by now what a block takes.
+        let least = settings.cheapest();
+        let reach = reach::reach(&least, Scaling::new(&source, [0.0, 1.0]).spacing(), false);
+        let cost = Cost::new(&least, source.scalar_type(), false);
+        BlockPlan::new(dims, reach, cost, memory).map_err(|least| too_little(memory, "at least ", least))?;
+    }
     progress.begin("looking at the volume", 1);
-    let known =
-        source.identity().and_then(|input| claim.findings(input)).and_then(|numbers| Findings::new(&numbers, dims));
-    let Findings { scan, noise } = match known {
+    let kept = claim.head();
+    let known = source.identity().zip(kept.as_ref()).filter(|(input, kept)| kept.input == *input);
+    let Findings { scan, noise } = match known.and_then(|(_, kept)| Findings::new(&kept.findings, dims)) {
         Some(findings) => findings,
         None => Findings { scan: Scan::new(&source, !at_once)?, noise: None },
     };
@@ -136,9 +143,7 @@ fn run(
         claim.release();
         Outcome { file_bytes, summary, blocks: 1, blocks_before: 0 }
     } else {
-        let cost = Cost::new(&recipe.settings, source.scalar_type(), recipe.scan.has_bad);
-        let plan = BlockPlan::new(dims, recipe.reach(), cost, memory)?;
-        in_blocks(&mut recipe, &plan, claim, path, progress, &mut watch)?
+        in_blocks(&mut recipe, claim, kept, memory, path, progress, &mut watch)?
     };
     progress.step();
     watch.lap("packing");
@@ -201,18 +206,32 @@ struct Outcome {
 /// Prepares one block after another, those that an earlier run finished left out, and puts the file together.
 fn in_blocks(
     recipe: &mut Recipe<'_>,
-    plan: &BlockPlan,
     claim: Claim,
+    kept: Option<Head>,
+    memory: u64,
     path: &Path,
     progress: &dyn Progress,
     watch: &mut Stopwatch,
 ) -> Result<Outcome> {
     let voxels_sha256 = recipe.scan.voxels_sha256.expect("blocks are only made with the hash");
-    let findings = Findings { scan: recipe.scan.clone(), noise: Some(recipe.noise) };
+    let (dims, reach) = (recipe.source.dims(), recipe.reach());
+    let cost = Cost::new(&recipe.settings, recipe.source.scalar_type(), recipe.scan.has_bad);
+    let task = task(recipe, voxels_sha256);
+    // Half of the machine's memory is not the same after every start of the machine: an earlier run's blocks will do.
+    let again = kept.filter(|kept| kept.task == task);
+    let plan = match again.and_then(|kept| BlockPlan::again(kept.block, dims, reach, cost, memory)) {
+        Some(plan) => plan,
+        None => BlockPlan::new(dims, reach, cost, memory).map_err(|least| too_little(memory, "", least))?,
+    };
+    let findings = Findings { scan: recipe.scan.clone(), noise: Some(recipe.noise) }.to_numbers();
     let input = recipe.source.identity().unwrap_or_default();
-    let task = task(recipe, plan, voxels_sha256);
-    let mut unfinished = Unfinished::resume(claim, task, input, &findings.to_numbers())?;
+    let mut unfinished = Unfinished::resume(claim, &Head { task, input, block: plan.block(), findings })?;
     let blocks_before = unfinished.len();
+    if blocks_before > 0 {
+        let total = plan.len();
+        progress
+            .note(&format!("{blocks_before} of {total} blocks were finished by an earlier run; going on from there"));
+    }
     let slices = |block: usize| plan.region(block).dims()[2] as u64;
     progress.begin("roles", (0..plan.len()).map(slices).sum());
     for index in 0..plan.len() {
@@ -231,7 +250,7 @@ fn in_blocks(
     let mut total: Option<Summary> = None;
     for index in 0..plan.len() {
         let numbers = unfinished.numbers(index)?;
-        let summary = Summary::from_numbers(&numbers, &axes, recipe.source.dims()).ok_or_else(|| {
+        let summary = Summary::from_numbers(&numbers, &axes, dims).ok_or_else(|| {
             Error::Parameter(format!("{}: an unfinished block is not what it should be; delete it", path.display()))
         })?;
         total = Some(match total {
@@ -240,17 +259,26 @@ fn in_blocks(
         });
     }
     let summary = total.ok_or_else(|| Error::Parameter("a volume without voxels".into()))?;
-    let file_bytes = packing.assemble(&unfinished, plan, &summary, voxels_sha256, path)?;
+    let file_bytes = packing.assemble(&unfinished, &plan, &summary, voxels_sha256, path)?;
     unfinished.finish();
     Ok(Outcome { file_bytes, summary, blocks: plan.len(), blocks_before })
 }
 
-/// A fingerprint of all that finished blocks depend on.
-fn task(recipe: &Recipe<'_>, plan: &BlockPlan, voxels_sha256: [u8; 32]) -> [u8; 32] {
+fn too_little(memory: u64, at: &str, least: u64) -> Error {
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    Error::Parameter(format!(
+        "--memory {:.1} MiB: the smallest block takes {at}{} MiB with these settings; give more than that, or a shorter --dmax",
+        mib(memory),
+        mib(least).ceil()
+    ))
+}
+
+/// A fingerprint of all that finished blocks depend on, but for how the volume is cut into them.
+fn task(recipe: &Recipe<'_>, voxels_sha256: [u8; 32]) -> [u8; 32] {
     let mut hasher = Sha256::new();
     hasher.update(MADE_BY);
     hasher.update(voxels_sha256);
-    hasher.update(format!("{:?} {:?} {:?}", recipe.source.geometry, recipe.settings, plan));
+    hasher.update(format!("{:?} {:?}", recipe.source.geometry, recipe.settings));
     hasher.update([recipe.source.slope, recipe.source.intercept].map(f64::to_le_bytes).concat());
     hasher.update(recipe.noise.to_le_bytes());
     for parameter in Packing(recipe).parameters() {

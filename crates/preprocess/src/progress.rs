@@ -6,6 +6,8 @@ pub trait Progress: Sync {
     fn begin(&self, stage: &'static str, steps: u64);
     /// One more step of the current stage is done.
     fn step(&self);
+    /// Something worth knowing about how the run goes.
+    fn note(&self, _message: &str) {}
 }
 
 /// Says nothing.

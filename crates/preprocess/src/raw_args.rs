@@ -18,21 +18,24 @@ pub struct RawArgs {
     /// the file's size leaves, if it is only one].
     #[arg(long, value_name = "TYPE", requires = "dims")]
     pub dtype: Option<StoredType>,
-    /// Distance between voxels along x, y, z [default: 1,1,1].
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, requires = "dims", allow_hyphen_values = true)]
-    pub spacing: Option<[f64; 3]>,
     /// Bytes before the first number.
     #[arg(long, value_name = "N", default_value_t = 0, requires = "dims")]
     pub skip_bytes: u64,
-    /// Which volume of an input that holds several.
+    /// How to read any input.
     #[command(flatten)]
     pub choice: ChoiceArgs,
 }
 
-/// Options for an input that holds more than one scalar volume, or none without further work.
+/// Options for an input that holds more than one scalar volume, or does not say enough.
 #[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Choice of the volume")]
+#[command(next_help_heading = "Reading the volume")]
 pub struct ChoiceArgs {
+    /// Distance between voxels along x, y, z, in place of what the file says; 1,1,1 where it says nothing.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, allow_hyphen_values = true)]
+    pub spacing: Option<[f64; 3]>,
+    /// Which of several arrays of a VTI file.
+    #[arg(long, value_name = "NAME")]
+    pub array: Option<String>,
     /// Which of several numbers of each voxel, from 0.
     #[arg(long, value_name = "N")]
     pub component: Option<usize>,
@@ -51,15 +54,18 @@ impl RawArgs {
     /// How to read a volume by these options.
     #[must_use]
     pub fn read_options(&self) -> ReadOptions {
-        let ChoiceArgs { component, time, series, resample } = self.choice.clone();
-        ReadOptions { raw: self.layout(), component, time, series, resample }
+        let ChoiceArgs { spacing, array, component, time, series, resample } = self.choice.clone();
+        let raw = self.layout();
+        // A headerless volume says nothing that it could be in the place of.
+        let spacing = spacing.filter(|_| raw.is_none());
+        ReadOptions { raw, spacing, array, component, time, series, resample }
     }
 
     fn layout(&self) -> Option<RawLayout> {
         Some(RawLayout {
             dims: self.dims?,
             scalar: self.dtype,
-            spacing: self.spacing.unwrap_or([1.0; 3]),
+            spacing: self.choice.spacing.unwrap_or([1.0; 3]),
             skip_bytes: self.skip_bytes,
         })
     }

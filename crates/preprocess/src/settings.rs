@@ -128,6 +128,22 @@ pub const LARGEST_D_MAX: f64 = 1000.0;
 pub const LEAST_STEP: f64 = 1e-3;
 
 impl Settings {
+    /// These, with what takes up least chosen wherever that is left to the data.
+    #[must_use]
+    pub fn cheapest(&self) -> Self {
+        let mut settings = Self { automatic: Automatic::default(), ..*self };
+        if self.automatic.smoothing {
+            settings.smoothing = SmoothingSettings::new(Smoothing::None);
+        }
+        if self.automatic.kernel {
+            settings.kernel = Kernel::Central2;
+        }
+        if self.automatic.reconstruction {
+            settings.reconstruction = Reconstruction::Linear;
+        }
+        settings
+    }
+
     /// The defaults of a method: step L_min/5 and d_max = 15·L_min as in the paper.
     #[must_use]
     pub fn new(method: Method) -> Self {

@@ -13,6 +13,8 @@ use crate::{Grid, Result};
 pub struct Source<'a> {
     /// The input's file name, without folders.
     pub name: &'a str,
+    /// The options that the input was read with, as they are typed.
+    pub read_with: &'a str,
     /// Where the voxels lie.
     pub geometry: &'a GridGeometry,
     /// `physical = slope · stored + intercept`.
@@ -30,15 +32,15 @@ enum Voxels<'a> {
 
 impl<'a> From<&'a Grid> for Source<'a> {
     fn from(grid: &'a Grid) -> Self {
-        let Grid { name, geometry, scalars, slope, intercept } = grid;
-        Self { name, geometry, slope: *slope, intercept: *intercept, voxels: Voxels::Memory(scalars) }
+        let Grid { name, read_with, geometry, scalars, slope, intercept } = grid;
+        Self { name, read_with, geometry, slope: *slope, intercept: *intercept, voxels: Voxels::Memory(scalars) }
     }
 }
 
 impl<'a> From<&'a StoredVolume> for Source<'a> {
     fn from(volume: &'a StoredVolume) -> Self {
-        let StoredVolume { name, geometry, slope, intercept, voxels } = volume;
-        Self { name, geometry, slope: *slope, intercept: *intercept, voxels: Voxels::File(voxels) }
+        let StoredVolume { name, read_with, geometry, slope, intercept, voxels } = volume;
+        Self { name, read_with, geometry, slope: *slope, intercept: *intercept, voxels: Voxels::File(voxels) }
     }
 }
 

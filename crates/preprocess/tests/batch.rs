@@ -108,11 +108,33 @@ fn jobs_do_not_change_the_files() {
 }
 
 #[test]
+fn what_is_there_can_be_left_alone() {
+    let workplace = Workplace::new();
+    workplace.succeed("prepare a.nrrd -o out/");
+    let before = fs::metadata(workplace.path("out/a.vxr")).expect("there").modified().expect("a time");
+    let output = workplace.run("prepare a.nrrd b.nrrd -o out --skip-existing --report r.json --progress json");
+    assert!(output.status.success(), "{}", errors(&output));
+    let events = events(&output);
+    assert!(events[0]["event"] == "skipped" && events[0]["output"] == "out/a.vxr", "{}", events[0]);
+    let summary = events.last().expect("events");
+    assert!(summary["succeeded"] == 1 && summary["skipped"] == 1 && summary["failed"] == 0, "{summary}");
+    let table = String::from_utf8_lossy(&output.stdout);
+    assert!(table.contains("2 volumes: 1 prepared, 1 there already, 0 failed"), "{table}");
+    assert_eq!(fs::metadata(workplace.path("out/a.vxr")).expect("there").modified().expect("a time"), before);
+    let report = workplace.json("r.json");
+    assert!(report[0]["skipped"] == true && report[1]["counts"]["voxels"] == 27000, "{report}");
+    // Nothing that is cut off is taken for finished.
+    fs::write(workplace.path("out/c.vxr"), "cut").expect("writes");
+    let said = errors(&workplace.run("prepare c.nrrd -o out/c.vxr --skip-existing"));
+    assert!(said.contains("out/c.vxr"), "{said}");
+}
+
+#[test]
 fn jobs_share_the_memory() {
     let workplace = Workplace::new();
     let output = workplace.run("prepare a.nrrd b.nrrd c.nrrd -o out --jobs 2 --threads 2 --memory 2MiB");
     let said = errors(&output);
-    assert!(said.contains("preparing b.nrrd with 1/2 of the memory: --memory 1 MiB"), "{said}");
+    assert!(said.contains("preparing b.nrrd with 1/2 of the memory: --memory 1.0 MiB"), "{said}");
     assert!(workplace.names("out").is_empty());
 }
 

@@ -131,8 +131,12 @@ pub struct PrepareArgs {
     /// by block [default: half of the machine's].
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory: Option<u64>,
+    /// Leave out volumes whose packed file is there already, whatever its settings: to go on with several volumes where a
+    /// command was interrupted.
+    #[arg(long)]
+    pub skip_existing: bool,
     /// Write seconds and counts of the run as JSON: an object, or with several volumes an array of one object each, which
-    /// is {"input", "error"} where a volume failed.
+    /// is {"input", "error"} where a volume failed and {"input", "skipped"} where it was left out.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// How to tell on standard error how far it is [default: bar on a terminal, else lines].
@@ -295,7 +299,8 @@ fn bytes(text: &str) -> Result<u64, String> {
         _ => None,
     };
     let size = number.parse::<f64>().ok().zip(factor).map(|(number, factor)| number * factor);
-    size.filter(|size| *size >= 1.0 && *size < 1e18)
+    // What is more than any number of bytes is as good as no limit.
+    size.filter(|size| *size >= 1.0)
         .map(|size| size as u64)
         .ok_or_else(|| "expected a number and a unit, such as 900MiB or 8GiB".into())
 }

@@ -136,7 +136,35 @@ pub fn check_files(tasks: &[Task], report: Option<&Path>, files: &[PathBuf]) -> 
 }
 
 /// What came of a task.
-pub type Outcome = anyhow::Result<Report>;
+pub type Outcome = anyhow::Result<Done>;
+
+/// What came of a task that did not fail.
+#[derive(Debug)]
+pub enum Done {
+    /// The packed file was written.
+    Prepared(Box<Report>),
+    /// The packed file was there already, and was to be left alone.
+    Skipped,
+}
+
+/// How many tasks came to which end.
+pub struct Tally {
+    pub prepared: usize,
+    pub skipped: usize,
+    pub failed: usize,
+}
+
+impl Tally {
+    /// Of all outcomes.
+    pub fn new(outcomes: &[Outcome]) -> Self {
+        let count = |is_it: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is_it(outcome)).count();
+        Self {
+            prepared: count(|outcome| matches!(outcome, Ok(Done::Prepared(_)))),
+            skipped: count(|outcome| matches!(outcome, Ok(Done::Skipped))),
+            failed: count(Result::is_err),
+        }
+    }
+}
 
 /// Runs `work` on every task, `jobs` at a time, and tells each outcome at once; they are returned in the order of the tasks.
 /// A panic is the failure of its task.
@@ -178,16 +206,19 @@ pub fn table(tasks: &[Task], outcomes: &[Outcome]) -> String {
     for (name, outcome) in names.iter().zip(outcomes) {
         // Writing to a string does not fail.
         let _ = match outcome {
-            Ok(Report { counts, seconds, file_bytes, .. }) => {
+            Ok(Done::Prepared(report)) => {
+                let Report { counts, seconds, file_bytes, .. } = &**report;
                 let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
                 let voxels = counts.voxels;
                 writeln!(text, "{name:width$}  {voxels:>12}  {share:>6.1}  {seconds:>9.2}  {file_bytes:>12}")
             }
+            Ok(Done::Skipped) => writeln!(text, "{name:width$}  was there already"),
             Err(error) => writeln!(text, "{name:width$}  error: {}", one_line(&format!("{error:#}"))),
         };
     }
-    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
-    let _ = writeln!(text, "{} volumes: {} prepared, {failed} failed", tasks.len(), tasks.len() - failed);
+    let Tally { prepared, skipped, failed } = Tally::new(outcomes);
+    let there = if skipped > 0 { format!("{skipped} there already, ") } else { String::new() };
+    let _ = writeln!(text, "{} volumes: {prepared} prepared, {there}{failed} failed", tasks.len());
     text
 }
 
@@ -195,14 +226,16 @@ pub fn table(tasks: &[Task], outcomes: &[Outcome]) -> String {
 #[derive(Serialize)]
 #[serde(untagged)]
 pub enum Entry<'a> {
-    Done(&'a Report),
+    Prepared(&'a Report),
+    Skipped { input: String, skipped: bool },
     Failed { input: String, error: String },
 }
 
 /// What `--report` writes of several inputs, in their order.
 pub fn entries<'a>(tasks: &[Task], outcomes: &'a [Outcome]) -> Vec<Entry<'a>> {
     let entry = |(task, outcome): (&Task, &'a Outcome)| match outcome {
-        Ok(report) => Entry::Done(report),
+        Ok(Done::Prepared(report)) => Entry::Prepared(report),
+        Ok(Done::Skipped) => Entry::Skipped { input: file_name(&task.input), skipped: true },
         Err(error) => Entry::Failed { input: file_name(&task.input), error: format!("{error:#}") },
     };
     tasks.iter().zip(outcomes).map(entry).collect()

@@ -1,6 +1,6 @@
 //! `voxrole info` and `voxrole verify`.
 
-use std::fmt::Write;
+use std::fmt::{Display, LowerExp, Write};
 
 use serde_json::json;
 use voxrole_pack::directory::Table;
@@ -44,7 +44,7 @@ fn as_text(reader: &Reader) -> anyhow::Result<String> {
     let header = reader.header();
     let geometry = &header.geometry;
     let statistics = &header.statistics;
-    let list = |numbers: [f64; 3]| numbers.map(|number| number.to_string()).join(", ");
+    let list = |numbers: [f64; 3]| numbers.map(shown).join(", ");
     let unit = if geometry.unit.is_empty() { String::new() } else { format!(" {}", geometry.unit) };
     let frame = match geometry.frame {
         WorldFrame::Unspecified => "unspecified",
@@ -58,8 +58,8 @@ fn as_text(reader: &Reader) -> anyhow::Result<String> {
     writeln!(text, "origin      {}", list(geometry.origin))?;
     writeln!(text, "direction   {}", geometry.direction.map(list).join("; "))?;
     writeln!(text, "world       {frame}")?;
-    writeln!(text, "values      {} to {}", statistics.value_range[0], statistics.value_range[1])?;
-    writeln!(text, "gradient    up to {}", statistics.max_gradient)?;
+    writeln!(text, "values      {} to {}", shown(statistics.value_range[0]), shown(statistics.value_range[1]))?;
+    writeln!(text, "gradient    up to {}", shown(statistics.max_gradient))?;
     writeln!(
         text,
         "boundary    {} voxels, {} without, {} masked",
@@ -96,14 +96,22 @@ fn as_text(reader: &Reader) -> anyhow::Result<String> {
     Ok(text)
 }
 
+/// All digits, with an exponent where there would be many zeros.
+fn shown<T: Copy + Into<f64> + Display + LowerExp>(number: T) -> String {
+    let size = number.into().abs();
+    if size == 0.0 || (1e-4..1e9).contains(&size) { number.to_string() } else { format!("{number:e}") }
+}
+
 fn precision(layer: &Layer) -> String {
     match layer.quantization {
         Quantization::Linear { slope, intercept } if slope != 1.0 || intercept != 0.0 => {
-            format!(" (times {slope} plus {intercept})")
+            format!(" (times {} plus {})", shown(slope), shown(intercept))
         }
         Quantization::Linear { .. } => " (exact)".into(),
-        Quantization::Distance(distance) => format!(" (±{:e}, up to {})", layer.error_bound, distance.d_max),
-        Quantization::HitGradient(hit) => format!(" (±{:e}, {} to {})", layer.error_bound, hit.low, hit.high),
+        Quantization::Distance(distance) => format!(" (±{:e}, up to {})", layer.error_bound, shown(distance.d_max)),
+        Quantization::HitGradient(hit) => {
+            format!(" (±{:e}, {} to {})", layer.error_bound, shown(hit.low), shown(hit.high))
+        }
         Quantization::Octahedral => " (octahedral, ±0.95°)".into(),
     }
 }

@@ -39,6 +39,20 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     .map(|()| ExitCode::SUCCESS)
 }
 
+/// Says what an interrupt left.
+pub fn say_interrupted() {
+    let kept = voxrole_pack::unfinished::kept();
+    if kept.is_empty() {
+        terminal::say_last("interrupted; nothing is kept of what was being done, what was finished before is there");
+    }
+    for path in kept {
+        let path = path.display();
+        terminal::say_last(&format!(
+            "interrupted; what is done is kept in {path}: the same command goes on from there"
+        ));
+    }
+}
+
 fn open(path: &Path) -> anyhow::Result<Reader> {
     Reader::open(path).with_context(|| path.display().to_string())
 }

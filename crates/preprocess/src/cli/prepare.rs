@@ -17,7 +17,7 @@ use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
 
 use super::args::{BilateralArg, ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
-use super::batch::{self, Outcome, Task};
+use super::batch::{self, Done, Outcome, Tally, Task};
 use super::terminal::Terminal;
 
 /// Prepares the volumes; those that fail are told of at once and in the exit code.
@@ -47,6 +47,10 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     // Says why an error speaks of less memory than was given.
     let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
     let work = |task: &Task| {
+        if args.skip_existing && task.output.exists() {
+            // What cannot be opened was not finished by this program.
+            return super::open(&task.output).map(|_| Done::Skipped);
+        }
         pool.install(|| {
             let progress = terminal.progress(&task.input);
             let file = open_volume(&task.input, &args.raw.read_options())?;
@@ -54,11 +58,12 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
             file.notes().iter().for_each(|note| terminal.note(&task.input, note));
             let report = prepare_file(file, &settings, memory, &task.output, &*progress);
             let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
-            report.map_err(|error| with_way_on(error, &task.output))
+            report.map(|report| Done::Prepared(report.into())).map_err(|error| with_way_on(error, &task.output))
         })
     };
     let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
-        Ok(report) => terminal.done(&task.input, &task.output, report),
+        Ok(Done::Prepared(report)) => terminal.done(&task.input, &task.output, report),
+        Ok(Done::Skipped) => terminal.skipped(&task.input, &task.output),
         Err(error) => terminal.error(Some(&task.input), error),
     });
     conclude(args, &tasks, &outcomes, terminal)
@@ -90,10 +95,9 @@ const STACK_BYTES: usize = 2 << 20;
 
 /// Says what came of all, and writes the report.
 fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
-    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
     let (summary, report) = match (tasks, outcomes) {
         ([_], [Err(_)]) => (String::new(), None),
-        ([task], [Ok(report)]) => (summary(report, task), Some(serde_json::to_vec_pretty(report)?)),
+        ([task], [Ok(Done::Prepared(report))]) => (summary(report, task), Some(serde_json::to_vec_pretty(report)?)),
         _ => (batch::table(tasks, outcomes), Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)),
     };
     // First what is asked for by name: printing may fail.
@@ -101,10 +105,11 @@ fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: 
         super::write(path, &report)?;
     }
     super::print(&summary)?;
+    let tally = Tally::new(outcomes);
     if tasks.len() > 1 {
-        terminal.summary(tasks.len() - failed, failed);
+        terminal.summary(&tally);
     }
-    Ok(if failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if tally.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Half of the memory that this machine, or the container that this runs in, has.

@@ -20,6 +20,10 @@ impl Progress for TextLines {
     }
 
     fn step(&self) {}
+
+    fn note(&self, message: &str) {
+        tell(format!("voxrole: {}{message}", self.prefix));
+    }
 }
 
 /// What `--progress json` tells; inputs and outputs are paths as given, with U+FFFD for what is not Unicode.
@@ -43,7 +47,12 @@ pub enum Event<'a> {
         output: &'a str,
         bytes: u64,
     },
-    /// How an input was read.
+    /// The output was there already, and was to be left alone.
+    Skipped {
+        input: &'a str,
+        output: &'a str,
+    },
+    /// How an input was read, or that an earlier run is gone on with.
     Note {
         input: &'a str,
         message: &'a str,
@@ -60,6 +69,7 @@ pub enum Event<'a> {
     },
     Summary {
         succeeded: usize,
+        skipped: usize,
         failed: usize,
     },
 }
@@ -112,5 +122,9 @@ impl Progress for JsonLines {
             stage.told = Instant::now();
             Event::Step { input: &self.input, stage: stage.name, done: stage.done, steps: stage.steps }.write();
         }
+    }
+
+    fn note(&self, message: &str) {
+        Event::Note { input: &self.input, message }.write();
     }
 }

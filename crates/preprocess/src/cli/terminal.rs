@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use voxrole_preprocess::console::tell;
@@ -9,7 +10,21 @@ use voxrole_preprocess::progress::Progress;
 use voxrole_preprocess::report::Report;
 
 use super::args::ProgressArg;
+use super::batch::Tally;
 use super::progress_lines::{Event, JsonLines, TextLines};
+
+/// Whether everything on standard error is JSON.
+static SAYS_JSON: AtomicBool = AtomicBool::new(false);
+
+/// Says something from wherever the program ends.
+pub fn say_last(message: &str) {
+    if SAYS_JSON.load(Ordering::Relaxed) {
+        Event::Error { input: None, message }.write();
+    } else {
+        // Below a bar that may be there.
+        tell(format!("\nvoxrole: {message}"));
+    }
+}
 
 /// Tells of the inputs of one command.
 pub struct Terminal {
@@ -33,6 +48,7 @@ impl Terminal {
             None if !std::io::stderr().is_terminal() => Form::Lines,
             Some(ProgressArg::Bar) | None => Form::Bars(MultiProgress::new()),
         };
+        SAYS_JSON.store(matches!(form, Form::Json), Ordering::Relaxed);
         Self { form, names_inputs }
     }
 
@@ -72,6 +88,14 @@ impl Terminal {
         }
     }
 
+    /// An input's packed file was there already.
+    pub fn skipped(&self, input: &Path, output: &Path) {
+        let (input, output) = (input.to_string_lossy(), output.to_string_lossy());
+        self.say(&Event::Skipped { input: &input, output: &output }, || {
+            format!("voxrole: {output} is there already; {input} is left out")
+        });
+    }
+
     /// An input failed; without one, the command did.
     pub fn error(&self, input: Option<&Path>, error: &anyhow::Error) {
         // The alternate form is the whole chain of causes.
@@ -81,9 +105,9 @@ impl Terminal {
     }
 
     /// All of several inputs are done with.
-    pub fn summary(&self, succeeded: usize, failed: usize) {
+    pub fn summary(&self, tally: &Tally) {
         if self.is_json() {
-            Event::Summary { succeeded, failed }.write();
+            Event::Summary { succeeded: tally.prepared, skipped: tally.skipped, failed: tally.failed }.write();
         }
     }
 
@@ -124,6 +148,10 @@ impl Progress for Bar {
 
     fn step(&self) {
         self.0.inc(1);
+    }
+
+    fn note(&self, message: &str) {
+        self.0.suspend(|| tell(format!("voxrole: {}{message}", self.0.prefix())));
     }
 }
 

@@ -67,6 +67,19 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Grid> {
 /// [`Error::Io`] when the operating system refuses, [`Error::Format`] for a file of another kind or whose content is not
 /// what its format demands. Each names the file, what was expected and what was found.
 pub fn open_volume(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
+    let volume = open_as_it_is(path, options)?.with_options(options.typed());
+    match options.spacing {
+        Some(spacing) => volume.with_spacing(path, spacing),
+        None => Ok(volume),
+    }
+}
+
+fn open_as_it_is(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
+    let may_be_vti = options.raw.is_none() && !path.is_dir();
+    if options.array.is_some() && !(may_be_vti && vti::is_header(&probe(path)?)) {
+        let message = "expected VTI for --array, found another format: leave the option out";
+        return Err(Error::format(path, message));
+    }
     if let Some(layout) = &options.raw {
         options.expect_no_place(path).and(options.expect_no_series(path))?;
         return raw::read(path, layout);

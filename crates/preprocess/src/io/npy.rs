@@ -54,7 +54,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
         picks: pick::choose(&axes, options).map_err(fail)?,
         hint: "check `shape` and `descr` of the header",
     };
-    VolumeFile::new(path, geometry, payload, 1.0, 0.0)
+    Ok(VolumeFile::new(path, geometry, payload, 1.0, 0.0)?.with_notes(options.note_on_spacing()))
 }
 
 /// The header's text, and where the numbers begin.

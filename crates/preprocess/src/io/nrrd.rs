@@ -22,6 +22,8 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let (fields, ended_by_blank_line) = parse(path, &mut lines)?;
     let (placement, picks) = nrrd_axes::placement(&fields, options)?;
     let geometry = placement.geometry(path)?;
+    // First, since numbers as text have no byte order.
+    let encoding = encoding(&fields)?;
     let stored = stored_type(&fields)?;
     let detached = match fields.get(&["data file"]) {
         Some(name) => Some(fields.data_file("data file", single_file(&fields, name)?)?),
@@ -36,7 +38,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let payload = Payload {
         path: data.to_owned(),
         start: Start::Offset(base),
-        encoding: encoding(&fields)?,
+        encoding,
         decoded_skip: 0,
         dims: geometry.dims,
         stored,

@@ -14,6 +14,7 @@ const AGREEMENT: f64 = 1e-3;
 /// What a header says of its axes, in the order of the file.
 struct Axes<'f> {
     fields: &'f Fields<'f>,
+    space: Space,
     sizes: Vec<u64>,
     /// World step along each axis, where the header has `space directions`; `None` for an axis that is not space.
     directions: Option<Vec<Option<[f64; 3]>>>,
@@ -33,7 +34,7 @@ pub(super) fn placement(fields: &Fields<'_>, options: &ReadOptions) -> Result<(P
     let axes = Axes::new(fields)?;
     let (spatial, picks) = axes.spatial(options)?;
     let dims = fields.dims("sizes", spatial.map(|axis| axes.sizes[axis]))?;
-    let frame = frame(fields, axes.directions.is_some())?;
+    let frame = axes.space.frame;
     let mut placement = match &axes.directions {
         Some(directions) => {
             let placement = Placement::axis_aligned(dims, [1.0; 3]).with_steps(axes.steps(directions, spatial)?);
@@ -51,8 +52,9 @@ pub(super) fn placement(fields: &Fields<'_>, options: &ReadOptions) -> Result<(P
     };
     if let Some(text) = fields.get(&["space origin"]) {
         placement.origin = match vectors(text).as_deref() {
-            Some([Some(origin)]) => *origin,
-            _ => return Err(fields.unexpected("space origin", "(x,y,z)", text)),
+            // That of time is of no use to one volume.
+            Some([Some(origin)]) if origin.len() == axes.space.dimension => [origin[0], origin[1], origin[2]],
+            _ => return Err(fields.unexpected("space origin", axes.space.vector(), text)),
         };
     }
     placement.unit = axes.unit(spatial)?;
@@ -89,17 +91,22 @@ impl<'f> Axes<'f> {
         };
         let sizes = fields.numbers("sizes", fields.required("sizes")?)?;
         counted("sizes", sizes.len())?;
-        let directions = match fields.get(&["space directions"]) {
+        let directions = fields.get(&["space directions"]);
+        let space = Space::new(fields, directions.is_some())?;
+        let directions = match directions {
             None => None,
             Some(text) => {
-                let expected = "a vector (x,y,z) or none for each axis";
-                let vectors = vectors(text).ok_or_else(|| fields.unexpected("space directions", expected, text))?;
+                let expected = format!("a vector {} or none for each axis", space.vector());
+                let unexpected = || fields.unexpected("space directions", &expected, text);
+                let vectors = vectors(text).ok_or_else(unexpected)?;
                 counted("space directions", vectors.len())?;
-                Some(vectors)
+                let steps = vectors.iter().map(|vector| space.step(vector.as_deref())).collect::<Option<Vec<_>>>();
+                Some(steps.ok_or_else(unexpected)?)
             }
         };
         Ok(Self {
             fields,
+            space,
             sizes,
             directions,
             spacings: numbers("spacings")?,
@@ -231,26 +238,70 @@ impl<'f> Axes<'f> {
     }
 }
 
-/// What the world axes mean. Directions without a space that names them, or at least counts them, are refused, as teem
-/// does.
-fn frame(fields: &Fields<'_>, has_directions: bool) -> Result<FileFrame> {
-    let name = fields.get(&["space"]);
-    match name.map(str::to_lowercase).as_deref() {
-        Some("right-anterior-superior" | "ras") => Ok(FileFrame::RightAnteriorSuperior),
-        Some("left-anterior-superior" | "las") => Ok(FileFrame::LeftAnteriorSuperior),
-        Some("left-posterior-superior" | "lps") => Ok(FileFrame::LeftPosteriorSuperior),
-        Some("scanner-xyz" | "3d-right-handed" | "3d-left-handed") => Ok(FileFrame::Unspecified),
-        Some(_) => Err(fields.unexpected("space", "a space of three dimensions", name.unwrap_or_default())),
-        None => match fields.get(&["space dimension"]) {
-            Some("3") => Ok(FileFrame::Unspecified),
-            None if !has_directions => Ok(FileFrame::Unspecified),
-            other => Err(fields.unexpected("space dimension", "3", other.unwrap_or("no such field, and no `space`"))),
-        },
+/// The world that `space directions` and `space origin` are in.
+#[derive(Clone, Copy, Debug)]
+struct Space {
+    /// What the world axes mean.
+    frame: FileFrame,
+    /// 3, or 4 with time behind the others.
+    dimension: usize,
+}
+
+impl Space {
+    /// Directions without a space that names them, or at least counts them, are refused, as teem does.
+    fn new(fields: &Fields<'_>, has_directions: bool) -> Result<Self> {
+        let space = |dimension, frame| Ok(Self { frame, dimension });
+        let given = fields.get(&["space"]);
+        let name = given.map(str::to_lowercase);
+        match name.as_deref() {
+            Some("right-anterior-superior" | "ras") => space(3, FileFrame::RightAnteriorSuperior),
+            Some("left-anterior-superior" | "las") => space(3, FileFrame::LeftAnteriorSuperior),
+            Some("left-posterior-superior" | "lps") => space(3, FileFrame::LeftPosteriorSuperior),
+            Some("scanner-xyz" | "3d-right-handed" | "3d-left-handed") => space(3, FileFrame::Unspecified),
+            Some("right-anterior-superior-time" | "rast") => space(4, FileFrame::RightAnteriorSuperior),
+            Some("left-anterior-superior-time" | "last") => space(4, FileFrame::LeftAnteriorSuperior),
+            Some("left-posterior-superior-time" | "lpst") => space(4, FileFrame::LeftPosteriorSuperior),
+            Some("scanner-xyz-time" | "3d-right-handed-time" | "3d-left-handed-time") => {
+                space(4, FileFrame::Unspecified)
+            }
+            Some(_) => Err(fields.unexpected("space", "a space of three dimensions", given.unwrap_or_default())),
+            None => match fields.get(&["space dimension"]) {
+                Some("3") => space(3, FileFrame::Unspecified),
+                Some("4") => space(4, FileFrame::Unspecified),
+                None if !has_directions => space(3, FileFrame::Unspecified),
+                Some("2") => Err(fields.unexpected(
+                    "space dimension",
+                    "3, or 4 with time (join pictures to a volume first, for example with `unu join`)",
+                    "2",
+                )),
+                other => {
+                    let found = other.unwrap_or("no such field, and no `space`");
+                    Err(fields.unexpected("space dimension", "3, or 4 with time", found))
+                }
+            },
+        }
+    }
+
+    /// How a vector is written.
+    fn vector(self) -> &'static str {
+        if self.dimension == 4 { "(x,y,z,0) or (0,0,0,t)" } else { "(x,y,z)" }
+    }
+
+    /// The step in space along an axis, which is none along that of time; `None` for a vector that is of both or of another
+    /// length.
+    fn step(self, vector: Option<&[f64]>) -> Option<Option<[f64; 3]>> {
+        match vector {
+            None => Some(None),
+            Some(&[x, y, z]) if self.dimension == 3 => Some(Some([x, y, z])),
+            Some(&[x, y, z, 0.0]) if self.dimension == 4 => Some(Some([x, y, z])),
+            Some(&[0.0, 0.0, 0.0, _]) if self.dimension == 4 => Some(None),
+            Some(_) => None,
+        }
     }
 }
 
 /// `(x,y,z) none …`, or `None` if it is anything else.
-fn vectors(text: &str) -> Option<Vec<Option<[f64; 3]>>> {
+fn vectors(text: &str) -> Option<Vec<Option<Vec<f64>>>> {
     let mut vectors = Vec::new();
     let mut rest = text.trim_start();
     while !rest.is_empty() {
@@ -258,7 +309,7 @@ fn vectors(text: &str) -> Option<Vec<Option<[f64; 3]>>> {
             Some(inner) => {
                 let (inner, after) = inner.split_once(')')?;
                 let components: Option<Vec<f64>> = inner.split(',').map(|word| word.trim().parse().ok()).collect();
-                (Some(components?.try_into().ok()?), after)
+                (Some(components?), after)
             }
             None => (None, rest.strip_prefix("none")?),
         };
@@ -299,12 +350,16 @@ mod tests {
     use super::*;
 
     fn placed(lines: &[&str]) -> Result<Placement> {
+        placed_with(lines, &ReadOptions::default())
+    }
+
+    fn placed_with(lines: &[&str], options: &ReadOptions) -> Result<Placement> {
         let mut fields = Fields::new(Path::new("a.nrrd"));
         for line in lines {
             let (name, value) = line.split_once(':').expect("a field");
             fields.insert(name, value).expect("once each");
         }
-        Ok(placement(&fields, &ReadOptions::default())?.0)
+        Ok(placement(&fields, options)?.0)
     }
 
     #[test]
@@ -361,9 +416,39 @@ mod tests {
     }
 
     #[test]
+    fn time_may_be_a_fourth_dimension() {
+        fn lines(directions: &str) -> [&str; 6] {
+            let origin = "space origin: (7,8,9,10)";
+            [
+                "dimension: 4",
+                "sizes: 3 4 5 2",
+                "space dimension: 4",
+                directions,
+                origin,
+                "kinds: domain domain domain domain",
+            ]
+        }
+        let options = ReadOptions { time: Some(1), ..ReadOptions::default() };
+        let found = placed_with(&lines("space directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,2.5)"), &options);
+        let found = found.expect("a point of time");
+        assert_eq!((found.dims, found.spacing, found.origin), ([3, 4, 5], [1.0, 2.0, 3.0], [7.0, 8.0, 9.0]));
+        let several = placed(&lines("space directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,2.5)"));
+        assert!(several.expect_err("two volumes").to_string().contains("--time N, N from 0 to 1"));
+        for bad in ["(1,0,0,1) (0,2,0,0) (0,0,3,0) (0,0,0,1)", "(1,0,0) (0,2,0) (0,0,3) none"] {
+            let bad = format!("space directions: {bad}");
+            let message = placed_with(&lines(&bad), &options).expect_err(&bad).to_string();
+            assert!(message.contains("space directions: expected a vector (x,y,z,0) or (0,0,0,t)"), "{message}");
+        }
+        let picture = ["dimension: 2", "sizes: 3 4", "space dimension: 2", "space directions: (1,0) (0,1)"];
+        let message = placed(&picture).expect_err("a picture").to_string();
+        assert!(message.contains("space dimension: expected 3") && message.contains("unu join"), "{message}");
+    }
+
+    #[test]
     fn lists_are_parsed() {
-        assert_eq!(vectors("(1, 2,3) none(4,5,6)"), Some(vec![Some([1.0, 2.0, 3.0]), None, Some([4.0, 5.0, 6.0])]));
-        for bad in ["(1,2)", "(1,2,3", "1,2,3", "(1,2,x)", "nothing"] {
+        let expected = vec![Some(vec![1.0, 2.0, 3.0]), None, Some(vec![4.0, 5.0])];
+        assert_eq!(vectors("(1, 2,3) none(4,5)"), Some(expected));
+        for bad in ["(1,2,3", "1,2,3", "(1,2,x)", "nothing"] {
             assert_eq!(vectors(bad), None, "{bad}");
         }
         assert_eq!(quoted(r#""mm" "a \"b\"" """#), Some(vec!["mm".into(), "a \"b\"".into(), String::new()]));

@@ -76,6 +76,16 @@ pub struct RawLayout {
     pub skip_bytes: u64,
 }
 
+impl RawLayout {
+    /// The options that say so, as they are typed.
+    pub(super) fn typed(&self) -> String {
+        let Self { dims: [nx, ny, nz], scalar, spacing: [dx, dy, dz], skip_bytes } = self;
+        let dtype = scalar.map_or_else(String::new, |scalar| format!(" --dtype {scalar}"));
+        let skip = if *skip_bytes == 0 { String::new() } else { format!(" --skip-bytes {skip_bytes}") };
+        format!("--dims {nx},{ny},{nz}{dtype} --spacing {dx},{dy},{dz}{skip}")
+    }
+}
+
 const HINT: &str = "check --dims, --dtype and --skip-bytes";
 
 /// Finds the numbers of a headerless file, gzipped or not.

@@ -12,6 +12,10 @@ use crate::{Error, Result};
 pub struct ReadOptions {
     /// The layout of a headerless file; any file is then read as headerless numbers, whatever it looks like.
     pub raw: Option<RawLayout>,
+    /// Distance between voxels along x, y, z, in place of what the file says, or does not say.
+    pub spacing: Option<[f64; 3]>,
+    /// Which of several arrays of a VTI file, by name. Without it that is read which is named as the scalars, or the only one.
+    pub array: Option<String>,
     /// Which of several numbers of a voxel, or channels, counted from 0. Without it only volumes of one are read.
     pub component: Option<usize>,
     /// Which point of time, counted from 0. Without it only volumes of one are read.
@@ -23,6 +27,24 @@ pub struct ReadOptions {
 }
 
 impl ReadOptions {
+    /// The options that are given, as they are typed; empty for none. A packed file says them, so that its numbers can be told from
+    /// those of the same input read otherwise.
+    #[must_use]
+    pub fn typed(&self) -> String {
+        let Self { raw, spacing, array, component, time, series, resample } = self;
+        let triple = |[x, y, z]: [f64; 3]| format!("{x},{y},{z}");
+        let options = [
+            raw.as_ref().map(RawLayout::typed),
+            spacing.map(|spacing| format!("--spacing {}", triple(spacing))),
+            array.as_ref().map(|array| format!("--array {array}")),
+            component.map(|component| format!("--component {component}")),
+            time.map(|time| format!("--time {time}")),
+            series.as_ref().map(|series| format!("--series {series}")),
+            resample.then(|| "--resample".into()),
+        ];
+        options.into_iter().flatten().collect::<Vec<_>>().join(" ")
+    }
+
     /// The component to read where a voxel has `count` of them, which are called `what`.
     ///
     /// # Errors
@@ -37,6 +59,12 @@ impl ReadOptions {
     /// As [`Self::component_of`].
     pub(super) fn time_of(&self, count: usize) -> std::result::Result<usize, String> {
         chosen(self.time, count, "points of time", "--time")
+    }
+
+    /// What to tell of a volume whose file does not say how far voxels are apart.
+    pub(super) fn note_on_spacing(&self) -> Vec<String> {
+        let note = "the file does not say how far voxels are apart, so that it is 1 along each axis: give --spacing X,Y,Z if not";
+        if self.spacing.is_none() { vec![note.into()] } else { Vec::new() }
     }
 
     /// Makes sure that no component and no point of time is chosen of a volume of one.

@@ -18,6 +18,7 @@ pub struct VolumeFile {
     intercept: f64,
     numbers: Numbers,
     notes: Vec<String>,
+    read_with: String,
 }
 
 /// Where the numbers are.
@@ -40,6 +41,8 @@ impl From<Payload> for Numbers {
 pub struct StoredVolume {
     /// The input's file name, without folders.
     pub name: String,
+    /// The options that the input was read with, as they are typed.
+    pub read_with: String,
     /// Where the voxels lie.
     pub geometry: GridGeometry,
     /// `physical = slope · stored + intercept`.
@@ -64,7 +67,32 @@ impl VolumeFile {
     ) -> Result<Self> {
         grid::check_mapping(slope, intercept).map_err(|error| Error::format(path, error.to_string()))?;
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(Self { name, geometry, slope, intercept, numbers: numbers.into(), notes: Vec::new() })
+        Ok(Self {
+            name,
+            geometry,
+            slope,
+            intercept,
+            numbers: numbers.into(),
+            notes: Vec::new(),
+            read_with: String::new(),
+        })
+    }
+
+    /// The same, read with these options, as they are typed.
+    pub(super) fn with_options(self, read_with: String) -> Self {
+        Self { read_with, ..self }
+    }
+
+    /// The same with voxels at another distance from each other; the first one stays where it is.
+    ///
+    /// # Errors
+    /// [`Error::Format`], naming `path`, for a distance that cannot be used.
+    pub(super) fn with_spacing(self, path: &Path, spacing: [f64; 3]) -> Result<Self> {
+        let geometry = GridGeometry { spacing, ..self.geometry.clone() };
+        geometry.validate().map_err(|error| Error::format(path, format!("--spacing: {error}")))?;
+        let [before, after] = [self.geometry.spacing, spacing].map(|[x, y, z]| format!("{x},{y},{z}"));
+        let note = format!("voxels are taken to be {after} apart in place of {before}");
+        Ok(Self { geometry, ..self }.with_notes(vec![note]))
     }
 
     /// The same with what is worth telling of how it was read.
@@ -111,7 +139,8 @@ impl VolumeFile {
             Numbers::Payload(payload) => payload.read()?,
             Numbers::Slabs(slabs) => slabs::read(slabs.as_ref(), self.dims())?,
         };
-        Grid::with_mapping(self.name, self.geometry, scalars, self.slope, self.intercept)
+        let grid = Grid::with_mapping(self.name, self.geometry, scalars, self.slope, self.intercept)?;
+        Ok(Grid { read_with: self.read_with, ..grid })
     }
 
     /// Leaves the numbers where they are; compressed and scattered ones are unpacked into a temporary file in `folder`.
@@ -120,11 +149,11 @@ impl VolumeFile {
     /// As [`super::read_volume`], and [`Error::Io`] when `folder` cannot be written to.
     pub fn stored(self, folder: &Path) -> Result<StoredVolume> {
         let dims = self.dims();
-        let Self { name, geometry, slope, intercept, numbers, .. } = self;
+        let Self { name, read_with, geometry, slope, intercept, numbers, .. } = self;
         let voxels = match numbers {
             Numbers::Payload(payload) => payload.stored(folder)?,
             Numbers::Slabs(slabs) => slabs::stored(slabs.as_ref(), dims, folder)?,
         };
-        Ok(StoredVolume { name, geometry, slope, intercept, voxels })
+        Ok(StoredVolume { name, read_with, geometry, slope, intercept, voxels })
     }
 }

@@ -110,7 +110,7 @@ fn files_of_other_kinds() {
     }
     let folder = tempfile::tempdir().expect("a folder");
     let message = read_volume(folder.path(), &ReadOptions::default()).expect_err("a folder").to_string();
-    assert!(message.contains("expected a DICOM series, found no image in 0 files"), "{message}");
+    assert!(message.contains("or of DICOM images, found no DICOM image in 0 files"), "{message}");
     let missing = folder.path().join("missing.nrrd");
     assert!(read_volume(&missing, &ReadOptions::default()).expect_err("missing").to_string().contains("missing.nrrd"));
 }
@@ -180,8 +180,9 @@ fn nrrd_placements() {
         (lps, "(1,0) (0,1) (0,0)", "a vector (x,y,z)"),
         (lps, "(1,0,0) (0,2,0)", "3 entries"),
         (lps, "none (0,2,0) (0,0,3)", "three axes of space"),
-        ("space: scanner-xyz-time", "(1,0,0) (0,2,0) (0,0,3)", "a space of three dimensions"),
-        ("space dimension: 4", "(1,0,0) (0,2,0) (0,0,3)", "space dimension: expected 3"),
+        ("space: scanner-xyz-time", "(1,0,0) (0,2,0) (0,0,3)", "(x,y,z,0) or (0,0,0,t)"),
+        ("space: plane", "(1,0,0) (0,2,0) (0,0,3)", "a space of three dimensions"),
+        ("space dimension: 5", "(1,0,0) (0,2,0) (0,0,3)", "space dimension: expected 3"),
         ("content: none", "(1,0,0) (0,2,0) (0,0,3)", "no `space`"),
         ("space: RAS\nspace origin: (0,inf,0)", "(1,0,0) (0,2,0) (0,0,3)", "is not finite"),
         ("space: RAS\nspace origin: 0 0 0", "(1,0,0) (0,2,0) (0,0,3)", "space origin: expected (x,y,z)"),

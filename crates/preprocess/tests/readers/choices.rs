@@ -122,6 +122,22 @@ fn options_without_effect_are_refused() {
     refused(&files, &time(0), &["--time 0", "leave the option out"]);
     refused(&files, &ReadOptions { series: Some("1".into()), ..ReadOptions::default() }, &["--series"]);
     refused(&files, &ReadOptions { resample: true, ..ReadOptions::default() }, &["--resample"]);
+    refused(&files, &ReadOptions { array: Some("a".into()), ..ReadOptions::default() }, &["--array"]);
+}
+
+#[test]
+fn spacing_is_told_where_a_file_says_nothing() {
+    let files = Files::new([("a.npy", [npy("|u1", "False", "(5, 4, 3)"), data()[..60].to_vec()].concat())]);
+    let volume = open_volume(&files.path(), &ReadOptions::default()).expect("a volume");
+    assert!(volume.notes()[0].contains("--spacing X,Y,Z"), "{:?}", volume.notes());
+    let spaced = |spacing| ReadOptions { spacing: Some(spacing), ..ReadOptions::default() };
+    let volume = open_volume(&files.path(), &spaced([0.5, 1.0, 2.0])).expect("a volume");
+    assert_eq!(volume.notes(), ["voxels are taken to be 0.5,1,2 apart in place of 1,1,1"]);
+    assert_eq!(volume.load().expect("numbers").geometry.spacing, [0.5, 1.0, 2.0]);
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let message = read_volume(&files.path(), &spaced([1.0, bad, 1.0])).expect_err("no length").to_string();
+        assert!(message.contains("a.npy: --spacing"), "{message}");
+    }
 }
 
 /// A header of `.npy`, filled up as NumPy does.

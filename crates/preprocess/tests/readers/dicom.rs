@@ -283,7 +283,7 @@ fn images_that_are_no_slices() {
     let mut sized = with(slice(1, 1.0), [(0x0028_0011, Value::Short(2)), (0x0028_0010, Value::Short(6))]);
     refused(&Folder::of_slices([slice(0, 0.0), sized.clone()]), &ReadOptions::default(), &["an image of "]);
     sized.remove(&PIXELS);
-    refused(&Folder::of_slices([sized]), &ReadOptions::default(), &["no image in 1 files"]);
+    refused(&Folder::of_slices([sized]), &ReadOptions::default(), &["no DICOM image in 1 files"]);
 }
 
 #[test]

@@ -260,7 +260,7 @@ fn a_folder_of_unlike_files_is_refused() {
     let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).expect("written");
     let message = || read_volume(folder.path(), &ReadOptions::default()).expect_err("refused").to_string();
     write("notes.txt", b"of the microscope");
-    assert!(message().contains("no image in 1 files"), "{}", message());
+    assert!(message().contains("no DICOM image in 1 files"), "{}", message());
     write("a1.tif", &page(1));
     write("a2.tif", &page(2));
     assert!(message().contains("a2.tif") && message().contains("one page"), "{}", message());

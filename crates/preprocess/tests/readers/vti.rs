@@ -221,6 +221,30 @@ fn a_component_is_chosen() {
 }
 
 #[test]
+fn one_of_several_arrays_is_chosen() {
+    let two = |scalars: &str| {
+        let file = String::from_utf8(Vti::new(U16, Form::Ascii).file()).expect("text");
+        let other = "<DataArray type=\"UInt8\" Name=\"mask\" format=\"ascii\">1</DataArray>\n</PointData>";
+        file.replace("</PointData>", &other.replace("1<", &format!("{}<", "1 ".repeat(60))))
+            .replace(" Scalars=\"density\"", scalars)
+    };
+    let read = |scalars: &str, array: Option<&str>| {
+        let options = ReadOptions { array: array.map(str::to_owned), ..ReadOptions::default() };
+        read_volume(&Files::new([("a.vti", two(scalars).into_bytes())]).path(), &options)
+    };
+    let named = " Scalars=\"density\"";
+    assert_eq!(read(named, None).expect("the scalars").scalars, numbers(ScalarType::U16));
+    for scalars in [named, ""] {
+        assert_eq!(read(scalars, Some("density")).expect("by name").scalars, numbers(ScalarType::U16));
+        assert_eq!(read(scalars, Some("mask")).expect("by name").scalars, Scalars::U8(vec![1; 60]));
+    }
+    for (array, expected) in [(None, "choose with --array"), (Some("no"), "expected an array \"no\" for --array")] {
+        let message = read("", array).expect_err(expected).to_string();
+        assert!(message.contains(expected) && message.contains("\"density\", \"mask\""), "{message}");
+    }
+}
+
+#[test]
 fn wide_integers_are_read_if_they_fit() {
     let stored = StoredType { scalar_type: ScalarType::I32, byte_order: ByteOrder::Big };
     let values: Vec<i64> = (0..60).map(|n| n * -70_000_001 / 2).collect();

@@ -89,7 +89,13 @@ fn scan(folder: &Path, named: &Path) -> Result<(Vec<File>, usize)> {
                 format!("; name one of the {} folders in it, such as {}", rest.len() + 1, first.display())
             }
         };
-        return Err(Error::format(named, format!("expected a DICOM series, found no image in {count} files{below}")));
+        return Err(Error::format(
+            named,
+            format!(
+                "expected a folder that is a Zarr store, or of TIFF slices of one size with numbers in their names, or of DICOM \
+                 images, found no DICOM image in {count} files{below}"
+            ),
+        ));
     }
     Ok((files, count))
 }

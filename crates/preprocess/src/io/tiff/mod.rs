@@ -49,7 +49,8 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
             Plane { file: 0, page: pages.page(plane), offset: pages.offset(plane) }
         })
         .collect();
-    volume(path, vec![path.to_owned()], tags, planes, component % samples, &stack)
+    Ok(volume(path, vec![path.to_owned()], tags, planes, component % samples, &stack)?
+        .with_notes(notes(&stack, options)))
 }
 
 /// Reads a folder that [`is_stack_folder`].
@@ -69,7 +70,12 @@ pub(super) fn read_folder(folder: &Path, options: &ReadOptions) -> Result<Volume
     let fail = |message: String| Error::format(&files[0], message);
     let component = options.component_of(usize::from(first.tags.samples), "samples per pixel").map_err(fail)?;
     options.time_of(1).map_err(fail)?;
-    volume(folder, files, &first.tags, planes, component, &stack)
+    Ok(volume(folder, files, &first.tags, planes, component, &stack)?.with_notes(notes(&stack, options)))
+}
+
+fn notes(stack: &Stack, options: &ReadOptions) -> Vec<String> {
+    let is_calibrated = stack.spacing != [1.0; 3] || !stack.unit.is_empty();
+    if is_calibrated { Vec::new() } else { options.note_on_spacing() }
 }
 
 fn volume(

@@ -46,6 +46,12 @@ pub struct Array<'a> {
     pub text_offset: u64,
 }
 
+impl Array<'_> {
+    pub fn name(&self) -> &str {
+        self.fields.get(&["Name"]).unwrap_or_default()
+    }
+}
+
 /// Where the appended section begins, behind its underscore.
 pub struct Appended {
     pub encoding: String,

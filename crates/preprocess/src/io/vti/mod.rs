@@ -31,16 +31,15 @@ pub(super) fn is_header(start: &[u8]) -> bool {
     start.windows(8).any(|window| window == b"<VTKFile")
 }
 
-/// Reads one array: the active scalars of the points or, where the points have no arrays, of the cells, whose centres are the
-/// voxels then.
+/// Reads one array: the one that is chosen by name, or the active scalars, of the points or, where the points have none, of the
+/// cells, whose centres are the voxels then.
 ///
 /// # Errors
 /// As [`super::open_volume`].
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     let document = Document::read(path)?;
     options.time_of(1).map_err(|message| Error::format(path, message))?;
-    let of_cells = document.points.all.is_empty() && !document.cells.all.is_empty();
-    let array = active_array(path, if of_cells { &document.cells } else { &document.points })?;
+    let (array, of_cells) = array(path, &document, options)?;
     let geometry = placement(&document, of_cells)?.geometry(path)?;
     let stored = stored_array(path, &document, array, options, geometry.voxel_count() as u64)?;
     let numbers = match stored.plain_offset()? {
@@ -59,26 +58,46 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
     VolumeFile::new(path, geometry, numbers, 1.0, 0.0)
 }
 
+/// The array to read, and whether its numbers are those of cells.
+fn array<'d>(path: &Path, document: &'d Document<'_>, options: &ReadOptions) -> Result<(&'d Array<'d>, bool)> {
+    let Document { points, cells, .. } = document;
+    let Some(wanted) = &options.array else {
+        let of_cells = points.all.is_empty() && !cells.all.is_empty();
+        return Ok((active_array(path, if of_cells { cells } else { points })?, of_cells));
+    };
+    let named = |arrays: &'d Arrays<'_>| arrays.all.iter().find(|array| array.name() == wanted);
+    let found = named(points).map(|array| (array, false)).or_else(|| named(cells).map(|array| (array, true)));
+    found.ok_or_else(|| {
+        let all = names(points.all.iter().chain(&cells.all));
+        Error::format(path, format!("expected an array {} for --array, found {all}", shown(wanted)))
+    })
+}
+
 /// The array that is named as the active scalars, or else the only one.
 fn active_array<'d>(path: &Path, arrays: &'d Arrays<'_>) -> Result<&'d Array<'d>> {
-    let name = |array: &Array<'_>| array.fields.get(&["Name"]).unwrap_or_default().to_owned();
-    let names = || arrays.all.iter().map(|array| shown(&name(array))).take(20).collect::<Vec<_>>().join(", ");
     let fail = |message: String| Err(Error::format(path, message));
     match (&arrays.scalars, arrays.all.as_slice()) {
         (_, []) => fail("expected an array of numbers, found none".into()),
-        (Some(scalars), all) => match all.iter().find(|array| name(array) == *scalars) {
+        (Some(scalars), all) => match all.iter().find(|array| array.name() == *scalars) {
             Some(array) => Ok(array),
             None => {
-                fail(format!("expected an array {}, which is named as the scalars, found {}", shown(scalars), names()))
+                let (wanted, found) = (shown(scalars), names(all));
+                fail(format!(
+                    "expected an array {wanted}, which is named as the scalars, found {found}: choose with --array"
+                ))
             }
         },
         (None, [array]) => Ok(array),
         (None, all) => fail(format!(
-            "expected one array, or one named as the scalars, found {}: {}; save the file with one of them only",
+            "expected one array, or one named as the scalars, found {}: {}; choose with --array",
             all.len(),
-            names()
+            names(all)
         )),
     }
+}
+
+fn names<'d>(arrays: impl IntoIterator<Item = &'d Array<'d>>) -> String {
+    arrays.into_iter().map(|array| shown(array.name())).take(20).collect::<Vec<_>>().join(", ")
 }
 
 /// Spacing, origin and direction; the origin of VTK's is that of point 0 0 0, which need not be in the extent.
