@@ -8,7 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::color::parse_color;
-use crate::state::{Camera, Integration, Region, TwoSidedEmphasis};
+use crate::state::{Camera, ClipPlane, Crop, Integration, Region, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -78,6 +78,13 @@ pub struct RenderArgs {
         allow_hyphen_values = true
     )]
     pub regions: Vec<Region>,
+    /// Draw these voxels alone; an end that is left out cuts nothing.
+    #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", allow_hyphen_values = true)]
+    pub crop: Option<Crop>,
+    /// Cut away what lies in front of a plane that faces a viewer at these angles; the offset is that from the volume's middle
+    /// towards the viewer, in radii of the volume, 0 where none is given. Up to four times.
+    #[arg(long = "clip", value_name = "AZIMUTH,ELEVATION[,OFFSET]", allow_hyphen_values = true)]
+    pub planes: Vec<ClipPlane>,
     /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
     #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]
     pub step: f32,

@@ -3,11 +3,11 @@
 //! Both ray marchers start from the same [`Frame`]. Its space is the volume's: grid axes, voxel (0, 0, 0) at the origin,
 //! lengths in multiples of `L_min`, so that single precision suffices whatever the world's unit.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3, Vec4};
 use voxrole_pack::DistanceQuantization;
 
 use crate::classify::EmphasisTable;
-use crate::state::{Camera, CameraPreset, Integration, Projection, Shading, ViewAxes, ViewState};
+use crate::state::{Camera, CameraPreset, ClipPlane, Clipping, Integration, Projection, Shading, ViewAxes, ViewState};
 use crate::volume::VolumeDescription;
 
 /// Everything that a ray marcher needs beside texels and opacity table.
@@ -23,6 +23,10 @@ pub struct Frame {
     pub box_low: Vec3,
     /// Upper corner of the box that is drawn.
     pub box_high: Vec3,
+    /// Planes that cut: a unit normal and a limit each; places are drawn whose product with the normal is at most the limit.
+    pub planes: [Vec4; MOST_PLANES],
+    /// How many of them there are.
+    pub plane_count: u32,
     /// The rays of all pixels.
     pub rays: PixelRays,
     /// Distance between samples along a ray.
@@ -42,6 +46,20 @@ pub struct Frame {
     pub shading: Shading,
     /// Colour behind the volume.
     pub background: Vec3,
+}
+
+/// Most planes that cut: the six of a box and the free ones.
+pub const MOST_PLANES: usize = 6 + Clipping::MOST_PLANES;
+
+/// The part of a ray that is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Where it begins, not before the ray's origin; behind the exit where the ray misses.
+    pub entry: f32,
+    /// Where it ends.
+    pub exit: f32,
+    /// Normal of the plane that the ray enters through, 0 where that is not one that cuts.
+    pub cut: Vec3,
 }
 
 /// All rays of a picture: origin and direction are linear in the pixel's place, x from −1 (left) to 1, y from −1
@@ -91,12 +109,17 @@ impl Frame {
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
         let step = within(settings.step, Self::STEP_RANGE, 0.25);
         let texel_spacing = Vec3::from_array(volume.texel_spacing());
+        let planes = planes(&state.clipping, volume, [box_low, box_high]);
+        let mut all_planes = [Vec4::ZERO; MOST_PLANES];
+        all_planes[..planes.len()].copy_from_slice(&planes);
         Self {
             image_size,
             dims: volume.texel_dims(),
             spacing: texel_spacing,
             box_low,
             box_high,
+            planes: all_planes,
+            plane_count: planes.len() as u32,
             rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
             step,
             half_step: if settings.integration == Integration::Preintegrated { 0.5 * step } else { 0.0 },
@@ -138,6 +161,27 @@ impl Frame {
         let (near, far) = (to_low.min(to_high), to_low.max(to_high));
         [near.x.max(near.y).max(near.z).max(0.0), far.x.min(far.y).min(far.z)]
     }
+
+    /// The part of a ray inside the box that no plane cuts away.
+    #[must_use]
+    pub fn interval(&self, ray: &Ray) -> Interval {
+        let [entry, exit] = self.intersect_box(ray);
+        let mut interval = Interval { entry, exit, cut: Vec3::ZERO };
+        for plane in &self.planes[..self.plane_count as usize] {
+            let normal = plane.truncate();
+            let (along, room) = (normal.dot(ray.direction), plane.w - normal.dot(ray.origin));
+            // A ray along the plane lies on one side of it as a whole.
+            let is_parallel = along.abs() < 1e-20;
+            if is_parallel && room < 0.0 {
+                interval.exit = -1.0;
+            } else if !is_parallel && along > 0.0 {
+                interval.exit = interval.exit.min(room / along);
+            } else if !is_parallel && room / along > interval.entry {
+                (interval.entry, interval.cut) = (room / along, normal);
+            }
+        }
+        interval
+    }
 }
 
 /// From the first voxel's middle to the last's; an axis with one voxel is a slab as thick as its spacing.
@@ -148,6 +192,28 @@ fn drawn_box(dims: [u32; 3], spacing: Vec3) -> [Vec3; 2] {
     };
     let [x, y, z] = [axis(dims[0], spacing.x), axis(dims[1], spacing.y), axis(dims[2], spacing.z)];
     [Vec3::new(x[0], y[0], z[0]), Vec3::new(x[1], y[1], z[1])]
+}
+
+/// The planes that cut something off the box, those of its own sides first.
+fn planes(clipping: &Clipping, volume: &VolumeDescription, [box_low, box_high]: [Vec3; 2]) -> Vec<Vec4> {
+    let spacing = Vec3::from_array(volume.relative_spacing());
+    let mut planes = Vec::new();
+    for (axis, [low, high]) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(clipping.crop.ends) {
+        let [low, high] = [low, high].map(|end| end * axis.dot(spacing));
+        if low > axis.dot(box_low) {
+            planes.push((-axis).extend(-low));
+        }
+        if high < axis.dot(box_high) {
+            planes.push(axis.extend(high));
+        }
+    }
+    let (middle, radius) = (0.5 * (box_low + box_high), 0.5 * (box_high - box_low).length());
+    for &ClipPlane { azimuth, elevation, offset } in clipping.planes.iter().take(Clipping::MOST_PLANES) {
+        let viewer = Camera { azimuth, elevation, ..Camera::default() };
+        let normal = -rotate(&viewer.axes(), volume.axes_from_world()).forward;
+        planes.push(normal.extend(normal.dot(middle) + offset * radius));
+    }
+    planes
 }
 
 fn rotate(axes: &ViewAxes, rotation: Mat3) -> ViewAxes {

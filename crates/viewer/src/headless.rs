@@ -12,7 +12,7 @@ use crate::classify::propose_regions;
 use crate::open::open_or_prepare;
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::render::{Gpu, Renderer, Target};
-use crate::state::{Region, ViewState};
+use crate::state::{Clipping, Region, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture};
 
@@ -122,6 +122,10 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     state.render_settings.step = arguments.step;
     state.render_settings.integration = arguments.integration;
     state.render_settings.background = arguments.background;
+    if arguments.planes.len() > Clipping::MOST_PLANES {
+        bail!("expected at most {} planes that cut, found {}", Clipping::MOST_PLANES, arguments.planes.len());
+    }
+    state.clipping = Clipping { crop: arguments.crop.unwrap_or_default(), planes: arguments.planes.clone() };
     if arguments.no_skip {
         state.render_settings.leaps = false;
         state.render_settings.termination_opacity = 1.0;

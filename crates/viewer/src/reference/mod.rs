@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, correct_opacity};
-use crate::frame::{Frame, Ray};
+use crate::frame::{Frame, Interval, Ray};
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture, Result};
@@ -75,6 +75,12 @@ impl<'a> RayMarcher<'a> {
         Ok(Self { volume, table, emphases, preintegration, frame, occupancy })
     }
 
+    /// What camera, settings and volume come to.
+    #[must_use]
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
     /// Draws the picture, rows in parallel.
     #[must_use]
     pub fn draw(&self) -> Picture {
@@ -133,7 +139,7 @@ impl<'a> RayMarcher<'a> {
         let sampler = self.sampler();
         let mut cache = CellCache::default();
         let leaping = LeapingRay::new(frame, ray);
-        let [entry, exit] = frame.intersect_box(ray);
+        let Interval { entry, exit, cut } = frame.interval(ray);
         counts.all += ((exit - entry) / frame.step + 0.5).max(0.0) as u64;
         let mut sum = Vec4::ZERO;
         let mut along = entry + 0.5 * frame.step;
@@ -152,7 +158,9 @@ impl<'a> RayMarcher<'a> {
             let sample = sampler.sample_at(place, ray.direction, &mut cache);
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
-                let color = shade(sample.color, sample.normal, -ray.direction, frame.light, &frame.shading);
+                // A face that was cut is lit as such.
+                let normal = if count == 0.5 && cut != Vec3::ZERO { cut } else { sample.normal };
+                let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
                 sum += (1.0 - sum.w) * opacity * color.extend(1.0);
             }
             // Not a running sum, whose rounding errors would add up.

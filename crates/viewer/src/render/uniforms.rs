@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::frame::Frame;
+use crate::frame::{Frame, MOST_PLANES};
 
 /// The shaders' `Uniforms`: a vector and a number in every 16 bytes. A test compares the offsets with the shader's.
 #[repr(C)]
@@ -35,7 +35,9 @@ pub struct Uniforms {
     last_voxel: [i32; 3],
     padding_after_last_voxel: i32,
     image_size: [f32; 2],
-    padding_at_end: [f32; 2],
+    plane_count: u32,
+    padding_after_plane_count: u32,
+    planes: [[f32; 4]; MOST_PLANES],
 }
 
 impl From<&Frame> for Uniforms {
@@ -69,7 +71,9 @@ impl From<&Frame> for Uniforms {
             last_voxel: frame.dims.map(|dim| dim as i32 - 1),
             padding_after_last_voxel: 0,
             image_size: frame.image_size.map(|side| side as f32),
-            padding_at_end: [0.0; 2],
+            plane_count: frame.plane_count,
+            padding_after_plane_count: 0,
+            planes: frame.planes.map(|plane| plane.to_array()),
         }
     }
 }
@@ -130,7 +134,9 @@ mod tests {
             last_voxel,
             padding_after_last_voxel,
             image_size,
-            padding_at_end,
+            plane_count,
+            padding_after_plane_count,
+            planes,
         );
         assert_eq!(found.as_slice(), expected);
         assert_eq!(size_of::<Uniforms>(), span as usize);

@@ -5,6 +5,7 @@
 
 pub mod boundary_emphasis;
 pub mod camera;
+pub mod clipping;
 pub mod color;
 pub mod region;
 pub mod render_settings;
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
+pub use clipping::{ClipPlane, Clipping, Crop};
 pub use region::Region;
 pub use render_settings::{Integration, Light, RenderSettings, Shading};
 pub use transfer_function::TransferFunction;
@@ -25,6 +27,8 @@ pub struct ViewState {
     pub camera: Camera,
     /// What is drawn, and how opaque.
     pub transfer_function: TransferFunction,
+    /// What of the volume is drawn at all.
+    pub clipping: Clipping,
     /// How it is drawn.
     pub render_settings: RenderSettings,
 }

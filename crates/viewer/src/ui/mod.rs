@@ -3,6 +3,7 @@
 pub mod axis;
 pub mod boundary;
 pub mod camera;
+pub mod clipping;
 pub mod distance_histogram;
 pub mod finer_levels;
 mod form;
@@ -118,6 +119,8 @@ fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     let ViewerWindow { view, volume, preview, .. } = window;
     section(ui, "Volume", |ui| readout::readout_ui(ui, volume, preview.device_name()));
     section(ui, "Camera", |ui| camera::camera_ui(ui, &mut view.camera));
+    let dims = volume.description.dims;
+    section(ui, "Clipping", |ui| clipping::clipping_ui(ui, &mut view.clipping, &view.camera, dims));
     section(ui, "Rendering", |ui| render_settings::render_settings_ui(ui, &mut view.render_settings));
 }
 

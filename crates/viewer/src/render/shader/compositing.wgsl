@@ -3,31 +3,33 @@
 // Light along a ray: colour premultiplied by opacity, and opacity.
 fn march(ray: Ray) -> vec4<f32> {
     let inverse = inverse_direction(ray);
-    let interval = intersect_box(ray, inverse);
+    let interval = drawn_interval(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
     var sum = vec4<f32>(0.0);
     var count = 0.5;
-    var along = interval.x + 0.5 * frame.step;
-    while along < interval.y && sum.a <= frame.termination_opacity {
+    var along = interval.entry + 0.5 * frame.step;
+    while along < interval.exit && sum.a <= frame.termination_opacity {
         let place = place_at(ray.origin + along * ray.direction);
         let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
         if empty > 0 {
             // To the first sample beyond all that is known to be empty.
-            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.x) / frame.step) + 0.5;
+            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.entry) / frame.step) + 0.5;
             count = max(beyond, count + 1.0);
-            along = interval.x + count * frame.step;
+            along = interval.entry + count * frame.step;
             continue;
         }
         let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let opacity = correct_opacity(role.opacity);
-            let color = shade(role.color, role.normal, -ray.direction);
+            // A face that was cut is lit as such.
+            let is_on_cut = count == 0.5 && any(interval.cut != vec3<f32>(0.0));
+            let color = shade(role.color, select(role.normal, interval.cut, is_on_cut), -ray.direction);
             sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;
-        along = interval.x + count * frame.step;
+        along = interval.entry + count * frame.step;
     }
     return sum;
 }

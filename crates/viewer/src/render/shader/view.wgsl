@@ -1,5 +1,7 @@
 // Rays: from a pixel to where its ray enters and leaves the box. Space: grid axes, lengths in multiples of L_min.
 
+const MOST_PLANES: u32 = 10u;
+
 struct Uniforms {
     origin: vec3<f32>,
     step: f32,
@@ -28,7 +30,10 @@ struct Uniforms {
     last_voxel: vec3<i32>,
     padding_after_last_voxel: i32,
     image_size: vec2<f32>,
-    padding_at_end: vec2<f32>,
+    plane_count: u32,
+    padding_after_plane_count: u32,
+    // Those that cut: unit normal, and the largest product with it that is drawn.
+    planes: array<vec4<f32>, MOST_PLANES>,
 }
 
 struct Ray {
@@ -84,4 +89,36 @@ fn intersect_box(ray: Ray, inverse: vec3<f32>) -> vec2<f32> {
     let near = min(to_low, to_high);
     let far = max(to_low, to_high);
     return vec2<f32>(max(max(near.x, near.y), max(near.z, 0.0)), min(min(far.x, far.y), far.z));
+}
+
+// The part of a ray that is drawn, and the normal of the plane that it enters through, 0 where that is not one that cuts.
+struct Interval {
+    entry: f32,
+    exit: f32,
+    cut: vec3<f32>,
+}
+
+// The part of a ray inside the box that no plane cuts away.
+fn drawn_interval(ray: Ray, inverse: vec3<f32>) -> Interval {
+    let inside = intersect_box(ray, inverse);
+    var interval = Interval(inside.x, inside.y, vec3<f32>(0.0));
+    for (var index = 0u; index < frame.plane_count; index++) {
+        let plane = frame.planes[index];
+        let along = dot(plane.xyz, ray.direction);
+        let room = plane.w - dot(plane.xyz, ray.origin);
+        // A ray along the plane lies on one side of it as a whole.
+        let is_parallel = abs(along) < 1e-20;
+        let meets = room / select(along, 1.0, is_parallel);
+        if is_parallel {
+            if room < 0.0 {
+                interval.exit = -1.0;
+            }
+        } else if along > 0.0 {
+            interval.exit = min(interval.exit, meets);
+        } else if meets > interval.entry {
+            interval.entry = meets;
+            interval.cut = plane.xyz;
+        }
+    }
+    return interval;
 }
