@@ -9,6 +9,7 @@ use egui::ViewportBuilder;
 
 use voxrole_preprocess::io::ReadOptions;
 
+use crate::headless::read_session;
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
 use crate::ui::finer_levels::FinerLevels;
@@ -21,12 +22,13 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 /// The smallest window in which every panel still has its room, in points.
 const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 
-/// Opens a window on a volume and runs it until it is closed.
+/// Opens a window on a volume, with what a session says, and runs it until it is closed.
 ///
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the
 /// message then says to use `render` instead.
-pub fn run(path: &Path, options: &ReadOptions) -> anyhow::Result<()> {
+pub fn run(path: &Path, session: Option<&Path>, options: &ReadOptions) -> anyhow::Result<()> {
+    let session = session.map(read_session).transpose()?;
     let named = || path.display().to_string();
     let opened = open_or_prepare(path, options)?;
     let reader = &opened.reader;
@@ -45,6 +47,9 @@ pub fn run(path: &Path, options: &ReadOptions) -> anyhow::Result<()> {
         theme::apply(&creation.egui_ctx);
         let render_state = creation.wgpu_render_state.as_ref().ok_or("the window was opened without wgpu")?;
         let mut window = ViewerWindow::new(render_state, volume, &texels)?;
+        if let Some(session) = session {
+            window.open_session(session);
+        }
         window.finer = FinerLevels::read(opened.reader, texels.description.level, creation.egui_ctx.clone());
         Ok(Box::new(App { window }) as Box<dyn eframe::App>)
     });

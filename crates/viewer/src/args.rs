@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::frame::Frame;
@@ -20,6 +20,9 @@ pub struct Cli {
     /// Packed file to open in a window; a volume that is not packed is prepared first.
     #[arg(required = true, value_name = "FILE")]
     pub file: Option<PathBuf>,
+    /// Session to open the window with.
+    #[arg(long, value_name = "FILE.toml")]
+    pub session: Option<PathBuf>,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -29,7 +32,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Draw one picture into a PNG file.
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Do the main job from end to end, on a phantom or on a volume: packed file, report, histograms, slices, picture.
     Demo(DemoArgs),
 }
@@ -54,12 +57,31 @@ pub struct RenderArgs {
     /// Packed file; a volume that is not packed is prepared first.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// PNG file to write.
-    #[arg(short, long, value_name = "OUT.png")]
+    /// PNG file to write, or animated PNG of a turntable.
+    #[arg(short, long, value_name = "OUT.png|OUT.apng")]
     pub output: PathBuf,
-    /// Width and height in pixels.
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse_size)]
-    pub size: ImageSize,
+    /// Session to start from, as the window or --save-session wrote it; options given here go before it.
+    #[arg(long, value_name = "FILE.toml")]
+    pub session: Option<PathBuf>,
+    /// Write all settings, proposed regions included, as a session.
+    #[arg(long, value_name = "FILE.toml")]
+    pub save_session: Option<PathBuf>,
+    /// Turn once around the volume in so many pictures, named OUT-000.png and so on [default for an animation: 36].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
+    pub frames: Option<u32>,
+    /// Bits of a channel; 16 are drawn on the CPU.
+    #[arg(long, value_enum, default_value = "8")]
+    pub bits: Bits,
+    /// Leave the background out: opacity becomes the picture's alpha. Drawn on the CPU.
+    #[arg(long)]
+    pub transparent: bool,
+    /// Write how far from the camera half of the light is stopped, in world units along each pixel's ray, NaN where it is not,
+    /// as numpy's array. Drawn on the CPU.
+    #[arg(long, value_name = "OUT.npy")]
+    pub depth: Option<PathBuf>,
+    /// Width and height in pixels [default: 1024x1024].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<ImageSize>,
     /// Where to look from: degrees around z and above the xy plane, or front, back, left, right, top, bottom, iso; then
     /// a magnification, and a turn of the picture. 0,0 looks along +y with z up: at the face of a patient.
     #[arg(long, value_name = "AZIMUTH,ELEVATION[,ZOOM[,ROLL]]", allow_hyphen_values = true)]
@@ -85,18 +107,18 @@ pub struct RenderArgs {
     /// towards the viewer, in radii of the volume, 0 where none is given. Up to four times.
     #[arg(long = "clip", value_name = "AZIMUTH,ELEVATION[,OFFSET]", allow_hyphen_values = true)]
     pub planes: Vec<ClipPlane>,
-    /// Distance between samples along a ray, in multiples of the smallest voxel spacing.
-    #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = parse_step)]
-    pub step: f32,
-    /// What a sample says of the step that it stands for.
-    #[arg(long, value_enum, default_value_t = Integration::default())]
-    pub integration: Integration,
+    /// Distance between samples along a ray, in multiples of the smallest voxel spacing [default: 0.25].
+    #[arg(long, value_name = "F", value_parser = parse_step)]
+    pub step: Option<f32>,
+    /// What a sample says of the step that it stands for [default: pre].
+    #[arg(long, value_enum)]
+    pub integration: Option<Integration>,
     /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,
-    /// Colour behind the volume.
-    #[arg(long, value_name = "RRGGBB", default_value = "000000", value_parser = parse_background)]
-    pub background: Background,
+    /// Colour behind the volume [default: 000000].
+    #[arg(long, value_name = "RRGGBB", value_parser = parse_background)]
+    pub background: Option<Background>,
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,
@@ -109,6 +131,17 @@ pub struct RenderArgs {
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
+}
+
+/// Bits of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Bits {
+    /// What screens show.
+    #[value(name = "8")]
+    Eight,
+    /// For further work on the picture.
+    #[value(name = "16")]
+    Sixteen,
 }
 
 /// Pixels to the right and down.
@@ -144,7 +177,7 @@ mod tests {
     fn render(arguments: &[&str]) -> Result<RenderArgs, clap::Error> {
         let all = ["voxrole-view", "render", "a.vxr", "-o", "a.png"].iter().chain(arguments);
         Cli::try_parse_from(all).map(|cli| match cli.command {
-            Some(Command::Render(render)) => render,
+            Some(Command::Render(render)) => *render,
             _ => panic!("the command was given"),
         })
     }
@@ -181,7 +214,8 @@ mod tests {
             "--cpu",
         ])
         .expect("is understood");
-        assert_eq!((render.size, render.step, render.background, render.cpu), ([80, 60], 0.5, [1.0; 3], true));
+        assert_eq!((render.size, render.step, render.cpu), (Some([80, 60]), Some(0.5), true));
+        assert_eq!(render.background, Some([1.0; 3]));
         assert_eq!(render.camera.expect("a camera").azimuth, -30.0);
         assert_eq!(render.regions.len(), 2);
         assert_eq!(render.regions[0].value, [-1000.0, 200.0]);

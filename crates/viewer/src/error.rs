@@ -40,6 +40,9 @@ pub enum Error {
     /// A picture cannot be encoded.
     #[error("encoding the picture as PNG: {0}")]
     Encode(#[from] image::ImageError),
+    /// Pictures cannot be encoded as an animation.
+    #[error("encoding the pictures as an animated PNG: {0}")]
+    Animation(#[from] png::EncodingError),
 }
 
 /// Result of this crate.

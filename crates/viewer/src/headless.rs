@@ -1,20 +1,24 @@
-//! A picture file without a window.
+//! Picture files without a window.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use voxrole_preprocess::console::{print, tell};
 
-use crate::args::RenderArgs;
+use crate::args::{Bits, RenderArgs};
 use crate::classify::propose_regions;
+use crate::drawing::{Drawing, Drawn};
 use crate::open::open_or_prepare;
-use crate::reference::{RayMarcher, SampleCounts};
-use crate::render::{Gpu, Renderer, Target};
-use crate::state::{Clipping, Region, ViewState};
+use crate::picture::to_apng;
+use crate::reference::SampleCounts;
+use crate::state::{Camera, Clipping, Region, ViewState};
 use crate::volume::VolumeTexels;
-use crate::{Error, Picture};
+
+/// Pictures of an animation shown each second.
+const PER_SECOND: u16 = 25;
 
 /// Draws what `arguments` ask for and writes it under its name when it is complete.
 ///
@@ -23,32 +27,130 @@ use crate::{Error, Picture};
 /// # Errors
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
-    let output = &arguments.output;
-    let writing = || format!("writing {}", output.display());
-    atomic_file::check_output(output, &[&arguments.file]).with_context(writing)?;
-    if !output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        bail!("{}: what is written is png; name it so", output.display());
-    }
+    let outputs = Outputs::new(arguments)?;
     let opened = open_or_prepare(&arguments.file, &arguments.raw.read_options())?;
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
     let state = state(reader, arguments).with_context(named)?;
+    if let Some(path) = &arguments.save_session {
+        write(path, state.to_toml()?.as_bytes())?;
+    }
     let start = Instant::now();
     let volume = VolumeTexels::read_level(reader, arguments.level).with_context(named)?;
     let reading = start.elapsed().as_secs_f64();
-    let Drawn { picture, ready, drawing, samples } = draw(&volume, &state, arguments.cpu).with_context(named)?;
+    let on_cpu = arguments.cpu || outputs.need_light;
+    let drawing = if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state) };
+    let mut drawing = drawing.with_context(named)?;
+    let ready = start.elapsed().as_secs_f64() - reading;
+    let drawn = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
     if arguments.stats {
-        tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {drawing:.3} s"));
-        if let Some(samples) = samples {
+        let seconds = start.elapsed().as_secs_f64() - reading - ready;
+        tell(format!(
+            "voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn and written in {seconds:.3} s"
+        ));
+        if let Some(samples) = drawn.samples {
             let SampleCounts { taken, all } = samples;
             let saved = 100.0 * samples.saved();
             tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
         }
     }
-    if picture.rgba.chunks_exact(4).all(|pixel| pixel == &picture.rgba[..4]) {
+    let rgba = &drawn.picture.rgba;
+    if rgba.chunks_exact(4).all(|pixel| pixel == &rgba[..4]) {
         tell("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
     }
-    atomic_file::write(output, &picture.to_png()?).with_context(writing)
+    Ok(())
+}
+
+/// What is to be written.
+struct Outputs<'a> {
+    arguments: &'a RenderArgs,
+    is_animation: bool,
+    /// Whether a picture of 8 bits over its background does not suffice.
+    need_light: bool,
+    frames: u32,
+}
+
+impl<'a> Outputs<'a> {
+    /// Checks, before any work is done, that everything can be written.
+    fn new(arguments: &'a RenderArgs) -> anyhow::Result<Self> {
+        let RenderArgs { output, frames, bits, depth, save_session, transparent, .. } = arguments;
+        let is_named =
+            |path: &Path, extension: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
+        let is_animation = is_named(output, "apng");
+        if !is_animation && !is_named(output, "png") {
+            bail!("{}: what is written is png, or apng for an animation; name it so", output.display());
+        }
+        ensure!(!is_animation || *bits == Bits::Eight, "{}: animations have 8 bits a channel", output.display());
+        if let Some(path) = depth {
+            ensure!(is_named(path, "npy"), "{}: what is written is npy; name it so", path.display());
+            ensure!(frames.is_none(), "--depth is that of one picture: leave --frames out");
+        }
+        let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
+        let outputs = Self {
+            arguments,
+            is_animation,
+            need_light: *bits == Bits::Sixteen || *transparent || depth.is_some(),
+            frames,
+        };
+        let mut paths = outputs.paths();
+        paths.extend(depth.iter().chain(save_session).cloned());
+        let mut inputs = vec![arguments.file.as_path()];
+        inputs.extend(arguments.session.as_deref());
+        for (index, path) in paths.iter().enumerate() {
+            atomic_file::check_output(path, &inputs).with_context(|| format!("writing {}", path.display()))?;
+            ensure!(!paths[..index].contains(path), "{}: two outputs cannot be one file", path.display());
+        }
+        Ok(outputs)
+    }
+
+    /// The files of all pictures.
+    fn paths(&self) -> Vec<PathBuf> {
+        let output = &self.arguments.output;
+        if self.is_animation || self.arguments.frames.is_none() {
+            return vec![output.clone()];
+        }
+        let digits = (self.frames - 1).to_string().len().max(3);
+        let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+        (0..self.frames).map(|frame| output.with_file_name(format!("{stem}-{frame:0digits$}.png"))).collect()
+    }
+
+    /// Draws everything and writes it; returns the last picture.
+    fn write(&self, drawing: &mut Drawing<'_>, state: &ViewState, smallest_spacing: f64) -> anyhow::Result<Drawn> {
+        let RenderArgs { output, bits, depth, transparent, .. } = self.arguments;
+        let background = (!transparent).then(|| glam::Vec3::from_array(state.render_settings.background));
+        let mut pictures = Vec::new();
+        let mut last = None;
+        for (frame, path) in (0..self.frames).zip(self.paths().into_iter().map(Some).chain(std::iter::repeat(None))) {
+            let mut camera = state.camera;
+            camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
+            let mut drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera })?;
+            if let (true, Some(light)) = (*transparent, &drawn.light) {
+                drawn.picture = light.picture(None);
+            }
+            if self.is_animation {
+                pictures.push(drawn.picture.clone());
+            } else if let Some(path) = path {
+                let png = match &drawn.light {
+                    Some(light) if *bits == Bits::Sixteen => light.to_deep_png(background)?,
+                    _ => drawn.picture.to_png()?,
+                };
+                write(&path, &png)?;
+            }
+            last = Some(drawn);
+        }
+        if self.is_animation {
+            write(output, &to_apng(&pictures, PER_SECOND)?)?;
+        }
+        let drawn = last.context("no picture was asked for")?;
+        if let (Some(path), Some(light)) = (depth, &drawn.light) {
+            write(path, &light.depth_npy(smallest_spacing))?;
+        }
+        Ok(drawn)
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
 }
 
 /// Draws the picture that needs no knob, with proposed regions, and writes it under its name when it is complete.
@@ -58,82 +160,53 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
 pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     let mut state = ViewState::default();
     state.transfer_function.regions = proposed_regions(reader)?;
-    let picture = draw(&VolumeTexels::read(reader)?, &state, false)?.picture;
-    atomic_file::write(output, &picture.to_png()?).with_context(|| format!("writing {}", output.display()))
+    let volume = VolumeTexels::read(reader)?;
+    let picture = Drawing::new(&volume, &state)?.draw(&state.camera)?.picture;
+    write(output, &picture.to_png()?)
 }
 
-/// A picture, and what it took.
-pub struct Drawn {
-    /// The picture.
-    pub picture: Picture,
-    /// Seconds that went by before the first pixel.
-    pub ready: f64,
-    /// Seconds from then on.
-    pub drawing: f64,
-    /// How many samples were taken, where they were counted: on the CPU.
-    pub samples: Option<SampleCounts>,
-}
-
-/// Draws on the GPU, or on the CPU where that is asked for or there is no adapter but the CPU; says on standard error which
-/// it was.
+/// What a session file says.
 ///
 /// # Errors
-/// When the volume or the picture does not fit the device, or the device is lost.
-pub fn draw(volume: &VolumeTexels, state: &ViewState, on_cpu: bool) -> crate::Result<Drawn> {
-    if on_cpu {
-        return draw_on_cpu(volume, state);
-    }
-    let gpu = match Gpu::new() {
-        Ok(gpu) if gpu.is_cpu => {
-            // The same picture, in half the time.
-            tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
-            return draw_on_cpu(volume, state);
-        }
-        Ok(gpu) => gpu,
-        Err(error @ Error::NoAdapter(_)) => {
-            tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher"));
-            return draw_on_cpu(volume, state);
-        }
-        Err(error) => return Err(error),
-    };
-    tell(format!("voxrole-view: drawing on {}", gpu.name));
-    let start = Instant::now();
-    let target = Target::new(&gpu, state.render_settings.image_size)?;
-    let mut renderer = Renderer::new(&gpu, volume)?;
-    let ready = start.elapsed().as_secs_f64();
-    renderer.draw(state, &target);
-    let picture = target.read_back(&gpu)?;
-    Ok(Drawn { picture, ready, drawing: start.elapsed().as_secs_f64() - ready, samples: None })
+/// When it cannot be read or understood; the message names it.
+pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
+    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    ViewState::from_toml(&text).with_context(|| path.display().to_string())
 }
 
-fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> crate::Result<Drawn> {
-    let start = Instant::now();
-    let marcher = RayMarcher::new(volume, state, state.render_settings.image_size)?;
-    let ready = start.elapsed().as_secs_f64();
-    let (picture, samples) = marcher.draw_and_count();
-    Ok(Drawn { picture, ready, drawing: start.elapsed().as_secs_f64() - ready, samples: Some(samples) })
-}
-
+/// The session, or else the defaults, with everything that was typed in its place.
 fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
-    let mut state = ViewState::default();
-    state.camera = arguments.camera.unwrap_or(state.camera);
-    state.transfer_function.emphasis = arguments.alpha.unwrap_or(state.transfer_function.emphasis);
-    state.render_settings.image_size = arguments.size;
-    state.render_settings.step = arguments.step;
-    state.render_settings.integration = arguments.integration;
-    state.render_settings.background = arguments.background;
-    if arguments.planes.len() > Clipping::MOST_PLANES {
-        bail!("expected at most {} planes that cut, found {}", Clipping::MOST_PLANES, arguments.planes.len());
+    let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
+    let ViewState { camera, transfer_function, clipping, render_settings } = &mut state;
+    fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
+        if let Some(typed) = typed {
+            place.clone_from(typed);
+        }
     }
-    state.clipping = Clipping { crop: arguments.crop.unwrap_or_default(), planes: arguments.planes.clone() };
+    if let Some(Camera { azimuth, elevation, zoom, roll, .. }) = arguments.camera {
+        *camera = Camera { azimuth, elevation, zoom, roll, ..*camera };
+    }
+    set(&mut transfer_function.emphasis, &arguments.alpha);
+    set(&mut clipping.crop, &arguments.crop);
+    set(&mut render_settings.image_size, &arguments.size);
+    set(&mut render_settings.step, &arguments.step);
+    set(&mut render_settings.integration, &arguments.integration);
+    set(&mut render_settings.background, &arguments.background);
+    if !arguments.planes.is_empty() {
+        clipping.planes.clone_from(&arguments.planes);
+    }
+    let (planes, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
+    ensure!(planes <= most, "expected at most {most} planes that cut, found {planes}");
     if arguments.no_skip {
-        state.render_settings.leaps = false;
-        state.render_settings.termination_opacity = 1.0;
+        render_settings.leaps = false;
+        render_settings.termination_opacity = 1.0;
     }
-    state.transfer_function.regions = arguments.regions.clone();
-    if arguments.regions.is_empty() {
-        state.transfer_function.regions = proposed_regions(reader)?;
-        for region in &state.transfer_function.regions {
+    if !arguments.regions.is_empty() {
+        transfer_function.regions.clone_from(&arguments.regions);
+    }
+    if transfer_function.regions.is_empty() {
+        transfer_function.regions = proposed_regions(reader)?;
+        for region in &transfer_function.regions {
             print(&format!("--region {region}\n"))?;
         }
     }

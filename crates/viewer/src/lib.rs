@@ -9,6 +9,7 @@ pub mod app;
 pub mod args;
 pub mod classify;
 pub mod demo;
+pub mod drawing;
 pub mod error;
 pub mod frame;
 pub mod headless;
@@ -22,7 +23,7 @@ pub mod ui;
 pub mod volume;
 
 pub use error::{Error, Result};
-pub use picture::Picture;
+pub use picture::{LightPicture, Picture, PixelLight};
 pub use render::{Gpu, Renderer, Target};
 pub use state::ViewState;
 pub use volume::{VolumeDescription, VolumeTexels};

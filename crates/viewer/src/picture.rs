@@ -1,11 +1,13 @@
-//! A finished picture in memory.
+//! Finished pictures in memory, and as files.
 
+use glam::{Vec3, Vec4};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use voxrole_preprocess::export::npy;
 
 use crate::Result;
 
-/// Display values, 8 bits a channel, opaque.
+/// Display values, 8 bits a channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     /// Pixels to the right.
@@ -22,9 +24,7 @@ impl Picture {
     /// # Errors
     /// [`crate::Error::Encode`] when the encoder refuses, as for a picture without pixels.
     pub fn to_png(&self) -> Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        PngEncoder::new(&mut bytes).write_image(&self.rgba, self.width, self.height, ExtendedColorType::Rgba8)?;
-        Ok(bytes)
+        to_png(&self.rgba, self.width, self.height, ExtendedColorType::Rgba8)
     }
 
     /// Red, green, blue and alpha of one pixel, counted from the top left.
@@ -36,5 +36,140 @@ impl Picture {
         assert!(x < self.width && y < self.height, "pixel ({x}, {y}) lies outside {} x {}", self.width, self.height);
         let at = (y as usize * self.width as usize + x as usize) * 4;
         [self.rgba[at], self.rgba[at + 1], self.rgba[at + 2], self.rgba[at + 3]]
+    }
+}
+
+fn to_png(bytes: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Result<Vec<u8>> {
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png).write_image(bytes, width, height, color)?;
+    Ok(png)
+}
+
+/// Pictures that follow each other, as an animated PNG that goes round and round; all are of one size.
+///
+/// # Errors
+/// [`crate::Error::Animation`] when the encoder refuses, as for no pictures at all.
+pub fn to_apng(pictures: &[Picture], per_second: u16) -> Result<Vec<u8>> {
+    let mut apng = Vec::new();
+    let [width, height] = pictures.first().map_or([0; 2], |first| [first.width, first.height]);
+    let mut encoder = png::Encoder::new(&mut apng, width, height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_animated(pictures.len() as u32, 0)?;
+    encoder.set_frame_delay(1, per_second)?;
+    let mut writer = encoder.write_header()?;
+    pictures.iter().try_for_each(|picture| writer.write_image_data(&picture.rgba))?;
+    writer.finish()?;
+    Ok(apng)
+}
+
+/// What reaches one pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelLight {
+    /// Colour premultiplied by opacity, and opacity.
+    pub light: Vec4,
+    /// How far along the pixel's ray half of the light behind is stopped, in multiples of `L_min`; NaN where less is.
+    pub depth: f32,
+}
+
+impl PixelLight {
+    /// Nothing.
+    pub const NONE: Self = Self { light: Vec4::ZERO, depth: f32::NAN };
+}
+
+/// A picture at full precision, without a background.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightPicture {
+    /// Pixels to the right.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Every pixel, the top row first.
+    pub pixels: Vec<PixelLight>,
+}
+
+impl LightPicture {
+    /// Display values over a background, or transparent without one.
+    #[must_use]
+    pub fn picture(&self, background: Option<Vec3>) -> Picture {
+        let rgba = self.channels(background).flat_map(|channels| (channels * 255.0 + 0.5).to_array());
+        Picture { width: self.width, height: self.height, rgba: rgba.map(|channel| channel as u8).collect() }
+    }
+
+    /// The same with 16 bits a channel, as a PNG file.
+    ///
+    /// # Errors
+    /// As [`Picture::to_png`].
+    pub fn to_deep_png(&self, background: Option<Vec3>) -> Result<Vec<u8>> {
+        let rgba = self.channels(background).flat_map(|channels| (channels * 65535.0 + 0.5).to_array());
+        let bytes: Vec<u8> = rgba.flat_map(|channel| (channel as u16).to_ne_bytes()).collect();
+        to_png(&bytes, self.width, self.height, ExtendedColorType::Rgba16)
+    }
+
+    /// Depths as numpy's array of shape (height, width), f32, each times `scale`.
+    #[must_use]
+    pub fn depth_npy(&self, scale: f64) -> Vec<u8> {
+        let mut bytes = npy::header("<f4", false, &[self.height as usize, self.width as usize]);
+        bytes.extend(self.pixels.iter().flat_map(|pixel| ((f64::from(pixel.depth) * scale) as f32).to_le_bytes()));
+        bytes
+    }
+
+    /// Red, green, blue and alpha, 0 to 1.
+    fn channels(&self, background: Option<Vec3>) -> impl Iterator<Item = Vec4> {
+        self.pixels.iter().map(move |PixelLight { light, .. }| {
+            let channels = match background {
+                Some(background) => (light.truncate() + (1.0 - light.w) * background).extend(1.0),
+                None if light.w > 0.0 => (light.truncate() / light.w).extend(light.w),
+                None => Vec4::ZERO,
+            };
+            channels.clamp(Vec4::ZERO, Vec4::ONE)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn light() -> LightPicture {
+        let pixel = |light: [f32; 4], depth| PixelLight { light: Vec4::from_array(light), depth };
+        let pixels = vec![pixel([0.0; 4], f32::NAN), pixel([0.25, 0.0, 0.5, 0.5], 3.0)];
+        LightPicture { width: 2, height: 1, pixels }
+    }
+
+    #[test]
+    fn pixels_lie_over_a_background_or_are_transparent() {
+        let over = light().picture(Some(Vec3::new(0.0, 1.0, 0.0)));
+        assert_eq!(over.rgba, [0, 255, 0, 255, 64, 128, 128, 255]);
+        assert_eq!(light().picture(None).rgba, [0, 0, 0, 0, 128, 0, 255, 128]);
+    }
+
+    #[test]
+    fn deep_pictures_have_sixteen_bits() {
+        let png = light().to_deep_png(None).expect("is encoded");
+        let decoded = image::load_from_memory(&png).expect("is a picture");
+        assert_eq!(decoded.color(), image::ColorType::Rgba16);
+        assert_eq!(decoded.into_rgba16().into_raw(), [0, 0, 0, 0, 32768, 0, 65535, 32768]);
+    }
+
+    #[test]
+    fn depths_are_in_world_units() {
+        let npy = light().depth_npy(0.5);
+        assert!(npy.ends_with(&1.5_f32.to_le_bytes()));
+        assert!(String::from_utf8_lossy(&npy).contains("'shape': (1, 2)"));
+    }
+
+    #[test]
+    fn animations_hold_every_picture() {
+        let picture = |value| Picture { width: 2, height: 1, rgba: vec![value; 8] };
+        let apng = to_apng(&[picture(1), picture(2), picture(3)], 25).expect("is encoded");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&apng)).read_info().expect("is a picture");
+        assert_eq!(reader.info().animation_control().map(|control| control.num_frames), Some(3));
+        for value in 1..=3 {
+            let mut rgba = [0; 8];
+            reader.next_frame(&mut rgba).expect("a frame");
+            assert_eq!(rgba, [value; 8]);
+        }
+        assert!(to_apng(&[], 25).is_err());
     }
 }

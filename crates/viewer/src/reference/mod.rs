@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
-use crate::state::ViewState;
+use crate::state::{Camera, ViewState};
 use crate::volume::VolumeTexels;
-use crate::{Error, Picture, Result};
+use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use sampling::{CellCache, RoleSample, Sampler};
 use shading::shade;
@@ -25,6 +25,7 @@ pub const MAX_IMAGE_SIDE: u32 = 16384;
 /// Draws one state of one volume.
 pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
+    state: ViewState,
     table: OpacityTable,
     emphases: EmphasisTable,
     preintegration: PreintegrationTable,
@@ -72,7 +73,13 @@ impl<'a> RayMarcher<'a> {
         let leaps = state.render_settings.leaps;
         let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
         let preintegration = PreintegrationTable::new(&emphases);
-        Ok(Self { volume, table, emphases, preintegration, frame, occupancy })
+        Ok(Self { volume, state: state.clone(), table, emphases, preintegration, frame, occupancy })
+    }
+
+    /// Moves the camera; everything else stays.
+    pub fn look_from(&mut self, camera: &Camera) {
+        self.state.camera = *camera;
+        self.frame = Frame::new(&self.state, &self.volume.description, &self.emphases, self.frame.image_size);
     }
 
     /// What camera, settings and volume come to.
@@ -91,29 +98,23 @@ impl<'a> RayMarcher<'a> {
     #[must_use]
     pub fn draw_and_count(&self) -> (Picture, SampleCounts) {
         let (light, counts) = self.light();
-        let pixel = |light: &Vec4| {
-            let color = light.truncate() + (1.0 - light.w) * self.frame.background;
-            let bytes = (color.clamp(Vec3::ZERO, Vec3::ONE) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
-            [bytes[0], bytes[1], bytes[2], 255]
-        };
-        let [width, height] = self.frame.image_size;
-        (Picture { width, height, rgba: light.iter().flat_map(pixel).collect() }, counts)
+        (light.picture(Some(self.frame.background)), counts)
     }
 
-    /// The light of every pixel, row by row: colour premultiplied by opacity, and opacity.
+    /// The light of every pixel.
     #[must_use]
-    pub fn light(&self) -> (Vec<Vec4>, SampleCounts) {
+    pub fn light(&self) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
-        let mut light = vec![Vec4::ZERO; width as usize * height as usize];
-        let rows = light.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
+        let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
+        let rows = pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
             let mut counts = SampleCounts::default();
-            for (x, light) in row.iter_mut().enumerate() {
-                *light = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
+            for (x, pixel) in row.iter_mut().enumerate() {
+                *pixel = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
             }
             counts
         });
         let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
-        (light, counts)
+        (LightPicture { width, height, pixels }, counts)
     }
 
     /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
@@ -133,15 +134,15 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.table, &self.emphases, &self.preintegration, &self.frame)
     }
 
-    /// Light along a ray, front to back: colour premultiplied by opacity, and opacity.
-    fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> Vec4 {
+    /// Light along a ray, front to back.
+    fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
         let mut cache = CellCache::default();
         let leaping = LeapingRay::new(frame, ray);
         let Interval { entry, exit, cut } = frame.interval(ray);
         counts.all += ((exit - entry) / frame.step + 0.5).max(0.0) as u64;
-        let mut sum = Vec4::ZERO;
+        let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
         let mut along = entry + 0.5 * frame.step;
         let mut count = 0.5;
         while along < exit && sum.w <= frame.termination_opacity {
@@ -162,11 +163,14 @@ impl<'a> RayMarcher<'a> {
                 let normal = if count == 0.5 && cut != Vec3::ZERO { cut } else { sample.normal };
                 let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
                 sum += (1.0 - sum.w) * opacity * color.extend(1.0);
+                if depth.is_nan() && sum.w >= 0.5 {
+                    depth = along;
+                }
             }
             // Not a running sum, whose rounding errors would add up.
             count += 1.0;
             along = entry + count * frame.step;
         }
-        sum
+        PixelLight { light: sum, depth }
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{ParseError, parse_number};
 
 /// The shape of αd; names and equation numbers as in the paper.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EmphasisKind {
     /// Eq. (7), `a (1 − d/d_c)`.
     Linear,
@@ -35,7 +35,7 @@ impl EmphasisKind {
 }
 
 /// αd(d): opacity by distance to the boundary, zero from `d_c` on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryEmphasis {
     /// Its shape.
     pub kind: EmphasisKind,
@@ -100,6 +100,7 @@ impl fmt::Display for BoundaryEmphasis {
 
 /// αd on the two sides of a boundary, which signed distances tell apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub struct TwoSidedEmphasis {
     /// Where values are higher and distances positive, and on the boundary itself.
     pub high: BoundaryEmphasis,

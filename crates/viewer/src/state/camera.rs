@@ -10,6 +10,7 @@ use super::{ParseError, parse_number};
 
 /// How the picture converges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Projection {
     /// Through one eye point.
     #[default]
@@ -24,6 +25,7 @@ pub enum Projection {
 /// coordinates (left, posterior, superior) it looks at the face, the patient's left to the right. Growing azimuth walks
 /// it round towards +x, growing elevation up towards +z.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Camera {
     /// Angle around the world's z axis, in degrees.
     pub azimuth: f32,

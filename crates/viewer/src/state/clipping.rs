@@ -9,7 +9,7 @@ use super::{ParseError, parse_number};
 
 /// What of a volume is drawn; all of it by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+#[serde(default, deny_unknown_fields)]
 pub struct Clipping {
     /// The box of voxels that is kept.
     pub crop: Crop,
@@ -24,7 +24,7 @@ impl Clipping {
 
 /// A box along the volume's own axes: it turns with the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
+#[serde(into = "String", try_from = "String")]
 pub struct Crop {
     /// From which voxel to which along x, y, z, in indices of the finest level; infinite where nothing is cut.
     pub ends: [[f32; 2]; 3],
@@ -71,6 +71,7 @@ impl fmt::Display for Crop {
 
 /// A plane that cuts away what lies on the side of a viewer at an azimuth and an elevation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub struct ClipPlane {
     /// As that of a [`super::Camera`], in degrees.
     pub azimuth: f32,

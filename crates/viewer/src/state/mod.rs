@@ -9,6 +9,7 @@ pub mod clipping;
 pub mod color;
 pub mod region;
 pub mod render_settings;
+pub mod session;
 pub mod transfer_function;
 
 use serde::{Deserialize, Serialize};
@@ -22,6 +23,7 @@ pub use transfer_function::TransferFunction;
 
 /// Everything that decides what a picture of one volume looks like.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ViewState {
     /// Where the picture is taken from.
     pub camera: Camera,

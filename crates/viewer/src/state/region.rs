@@ -10,6 +10,7 @@ use super::{ParseError, TwoSidedEmphasis, parse_number};
 
 /// A rectangle of value and gradient magnitude at the hit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub struct Region {
     /// From which value to which, in the volume's physical unit.
     pub value: [f32; 2],

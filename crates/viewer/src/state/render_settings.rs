@@ -8,15 +8,18 @@ use serde::{Deserialize, Serialize};
 pub enum Integration {
     /// The opacity in the middle counts for all of it.
     #[value(name = "post")]
+    #[serde(rename = "post")]
     PostClassified,
     /// αd is integrated along the step, so that no boundary is missed, however thin it is and however long the step.
     #[default]
     #[value(name = "pre")]
+    #[serde(rename = "pre")]
     Preintegrated,
 }
 
 /// Sampling, light and background.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct RenderSettings {
     /// Distance between samples along a ray, in multiples of `L_min`; positive. A quarter leaves no visible rings.
     pub step: f32,
@@ -53,6 +56,7 @@ impl Default for RenderSettings {
 
 /// One white light, infinitely far away.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Light {
     /// Whether the angles count from the camera's line of sight, or from the world's front.
     pub follows_camera: bool,
@@ -71,6 +75,7 @@ impl Default for Light {
 
 /// Shares of the light that a surface gives back.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Shading {
     /// From everywhere, in the surface's colour.
     pub ambient: f32,

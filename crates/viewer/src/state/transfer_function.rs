@@ -6,6 +6,7 @@ use super::{Region, TwoSidedEmphasis};
 
 /// Regions of (v, g) that make αu and the colour, and αd.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct TransferFunction {
     /// The selected regions; where several overlap the largest opacity counts and colours mix by opacity.
     pub regions: Vec<Region>,

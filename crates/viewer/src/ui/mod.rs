@@ -72,6 +72,15 @@ impl ViewerWindow {
 }
 
 impl ViewerWindow {
+    /// Shows what a session says; the proposed regions stay where it has none.
+    pub fn open_session(&mut self, session: ViewState) {
+        let proposed = std::mem::replace(&mut self.view, session).transfer_function.regions;
+        let regions = &mut self.view.transfer_function.regions;
+        if regions.is_empty() {
+            *regions = proposed;
+        }
+    }
+
     /// Shows the next finer level once it is read. One that the device has no room for leaves the coarser one where it is.
     fn show_finer_level(&mut self, context: &egui::Context) {
         match self.finer.take() {

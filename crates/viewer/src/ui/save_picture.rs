@@ -1,4 +1,4 @@
-//! Saves the picture as a PNG file.
+//! Saves the picture as a PNG file, and all settings as a session beside it.
 
 use std::path::{Path, PathBuf};
 
@@ -38,14 +38,27 @@ impl SavePicture {
     /// called for it a second time.
     pub fn save(&mut self, preview: &mut Preview, view: &ViewState) {
         let path = PathBuf::from(self.path.trim());
+        self.write(path, || {
+            let picture = preview.picture(view).and_then(|picture| picture.to_png());
+            picture.map_err(|error| error.to_string())
+        });
+    }
+
+    /// Writes all settings into a file of the picture's name that ends in `.toml`; one that was there before as in
+    /// [`Self::save`].
+    pub fn save_session(&mut self, view: &ViewState) {
+        let path = Path::new(self.path.trim()).with_extension("toml");
+        self.write(path, || view.to_toml().map(String::into_bytes).map_err(|error| error.to_string()));
+    }
+
+    fn write(&mut self, path: PathBuf, content: impl FnOnce() -> Result<Vec<u8>, String>) {
         if path.exists() && self.replaceable.as_ref() != Some(&path) {
             self.outcome = Some(Outcome::Exists(format!("{} exists: press again to replace it", path.display())));
             self.replaceable = Some(path);
             return;
         }
-        let written = preview.picture(view).and_then(|picture| picture.to_png()).map_err(|error| error.to_string());
-        let written = written.and_then(|png| {
-            atomic_file::write(&path, &png).map_err(|error| format!("writing {}: {error}", path.display()))
+        let written = content().and_then(|bytes| {
+            atomic_file::write(&path, &bytes).map_err(|error| format!("writing {}: {error}", path.display()))
         });
         self.outcome = Some(match written {
             Ok(()) => Outcome::Saved(format!("Saved {}", path.display())),
@@ -85,6 +98,10 @@ pub fn save_picture_ui(
     let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new(label))).inner;
     if button.on_hover_text("Draws at this size with the full step, as `voxrole-view render` does").clicked() {
         save.save(preview, view);
+    }
+    let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new("Save session"))).inner;
+    if button.on_hover_text("All settings, in a file of this name that ends in .toml: opened by --session").clicked() {
+        save.save_session(view);
     }
     match &save.outcome {
         None => {}

@@ -8,9 +8,9 @@ use crate::phantom::Phantom;
 
 /// Root-mean-square difference of the light of two pictures.
 fn difference(volume: &VolumeTexels, a: &ViewState, b: &ViewState) -> f32 {
-    let light = |state| RayMarcher::new(volume, state, [40, 40]).expect("a size").light().0;
+    let light = |state| RayMarcher::new(volume, state, [40, 40]).expect("a size").light().0.pixels;
     let (a, b) = (light(a), light(b));
-    let squares: f32 = a.iter().zip(&b).map(|(a, b)| (*a - *b).length_squared()).sum();
+    let squares: f32 = a.iter().zip(&b).map(|(a, b)| (a.light - b.light).length_squared()).sum();
     (squares / (4 * a.len()) as f32).sqrt()
 }
 

@@ -13,9 +13,10 @@ use voxrole_pack::{
     DistanceQuantization, Histogram, HistogramAxis, HistogramKind, Layer, LayerKind, Precision, Reader, ScalarType,
     Writer,
 };
+use voxrole_tests::comparison::draw_on_cpu;
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::state::CameraPreset;
-use voxrole_viewer::{VolumeTexels, headless};
+use voxrole_viewer::{ViewState, VolumeTexels, headless};
 
 use crate::phantom::{Phantom, Role, SHELLS, orthographic};
 
@@ -155,7 +156,7 @@ fn coarse_levels_draw_boundaries_where_they_are() {
     let state = phantom.state(orthographic(CameraPreset::Front));
     let pictures = [0, 1, 2].map(|level| {
         let volume = VolumeTexels::read_level(&reader, level).expect("reads");
-        headless::draw(&volume, &state, true).expect("is drawn").picture.rgba
+        draw_on_cpu(&volume, &state).rgba
     });
     // Every voxel predicts the boundary by its own plane, so that a level loses the curvature between its voxels alone.
     for (coarse, largest) in [(&pictures[1], 0.5), (&pictures[2], 2.0)] {
@@ -165,6 +166,60 @@ fn coarse_levels_draw_boundaries_where_they_are() {
         assert!(rms < largest, "{rms}");
     }
     assert!(VolumeTexels::read_level(&reader, 3).is_err());
+}
+
+#[test]
+fn turntables_sessions_depths_and_deep_pictures_are_written() {
+    let folder = folder("turntables");
+    let path = |name: &str| folder.join(name);
+    let packed = path("shells.vxr");
+    write(&small_shells(), &packed).expect("is written");
+    let session = path("s.toml");
+    let session = session.to_str().expect("Unicode");
+    let small = ["--cpu", "--save-session", session];
+    let run = |output: &str, options: &[&str]| render(&packed, &path(output), options);
+    run("a.png", &[&small[..], &["--frames", "4", "--clip", "10,20", "--camera", "40,10"]].concat()).expect("drawn");
+    let names = ["a-000.png", "a-001.png", "a-002.png", "a-003.png"];
+    let pictures = names.map(|name| std::fs::read(path(name)).expect("is there"));
+    assert!((1..4).all(|frame| pictures[frame] != pictures[0]) && !path("a.png").exists());
+    let saved = ViewState::from_toml(&std::fs::read_to_string(session).expect("is there")).expect("is a session");
+    assert!(!saved.transfer_function.regions.is_empty() && saved.clipping.planes.len() == 1);
+
+    run("b.png", &["--cpu", "--session", session]).expect("is drawn");
+    assert!(std::fs::read(path("b.png")).expect("is there") == pictures[0], "the same picture");
+    run("c.apng", &["--cpu", "--session", session, "--frames", "3"]).expect("is drawn");
+    assert!(std::fs::read(path("c.apng")).expect("is there").windows(4).filter(|tag| tag == b"fcTL").count() == 3);
+
+    let depth = path("d.npy");
+    let options = ["--session", session, "--bits", "16", "--transparent", "--depth", depth.to_str().expect("Unicode")];
+    run("d.png", &options).expect("is drawn");
+    let picture = image::open(path("d.png")).expect("is a PNG");
+    assert_eq!(picture.color(), image::ColorType::Rgba16);
+    let picture = picture.into_rgba16();
+    let depth = std::fs::read(depth).expect("is there");
+    let depths: Vec<f32> =
+        depth[depth.len() - 4 * 48 * 48..].as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    let mut seen = 0;
+    for (pixel, depth) in picture.pixels().zip(depths) {
+        // Half of the light is stopped where alpha is a half, but for rounding.
+        assert!(depth.is_nan() || pixel.0[3] >= 32767, "{depth} {pixel:?}");
+        assert!(depth.is_finite() || pixel.0[3] <= 32768, "{depth} {pixel:?}");
+        seen += u32::from(depth.is_finite());
+    }
+    assert!(seen > 20, "{seen}");
+
+    for (output, options, reason) in [
+        ("e.apng", &["--bits", "16"][..], "8 bits"),
+        ("e.png", &["--depth", "e.txt"], "npy"),
+        ("e.png", &["--depth", "e.npy", "--frames", "2"], "--frames"),
+        ("e.png", &["--session", "none.toml"], "none.toml"),
+        ("e.jpg", &[], "png, or apng"),
+        ("e.png", &["--clip", "1,1", "--clip", "1,1", "--clip", "1,1", "--clip", "1,1", "--clip", "1,1"], "at most 4"),
+    ] {
+        let error = format!("{:#}", run(output, options).expect_err(reason));
+        assert!(error.contains(reason), "{error}");
+        assert!(!path(output).exists());
+    }
 }
 
 #[test]

@@ -1,0 +1,92 @@
+//! What the user set, as a file: TOML, in which regions, emphases and cuts are written as they are typed.
+
+use super::{ClipPlane, Crop, ParseError, Region, TwoSidedEmphasis, ViewState};
+
+impl ViewState {
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`ParseError`] for numbers that TOML has no form for.
+    pub fn to_toml(&self) -> Result<String, ParseError> {
+        let text = toml::to_string(self).map_err(|error| ParseError(error.to_string()))?;
+        Ok(format!(
+            "# What voxrole-view shows: `voxrole-view FILE --session THIS`. What is left out is as by default.\n\n{text}"
+        ))
+    }
+
+    /// What a file says; what it does not say is as by default.
+    ///
+    /// # Errors
+    /// [`ParseError`] with the line of what is not understood.
+    pub fn from_toml(text: &str) -> Result<Self, ParseError> {
+        toml::from_str(text).map_err(|error| ParseError(error.to_string().trim_end().to_owned()))
+    }
+}
+
+/// Files hold these as they are typed.
+macro_rules! written_as_typed {
+    ($($kind:ty),*) => {$(
+        impl From<$kind> for String {
+            fn from(typed: $kind) -> Self {
+                typed.to_string()
+            }
+        }
+
+        impl TryFrom<String> for $kind {
+            type Error = ParseError;
+
+            fn try_from(text: String) -> Result<Self, ParseError> {
+                text.parse()
+            }
+        }
+    )*};
+}
+
+written_as_typed!(ClipPlane, Crop, Region, TwoSidedEmphasis);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::{Camera, Integration, Projection};
+
+    #[test]
+    fn everything_survives_the_round_trip() {
+        let projection = Projection::Orthographic;
+        let camera = Camera { azimuth: -12.3, zoom: 0.1, pan: [0.1, -0.2], projection, ..Camera::default() };
+        let mut state = ViewState { camera, ..ViewState::default() };
+        state.transfer_function.regions = vec![
+            "-1000:250.5,0:1e-3,FF8000".parse().expect("a region"),
+            "1:2,3:4,00ff00,0.5,0@linear,1,2".parse().expect("a region"),
+        ];
+        state.transfer_function.emphasis = "concave,1,3,5/linear,0.2,8".parse().expect("an emphasis");
+        state.clipping.crop = "10:,:,:40.5".parse().expect("a crop");
+        state.clipping.planes = vec!["30,20,0.1".parse().expect("a plane")];
+        state.render_settings.integration = Integration::PostClassified;
+        state.render_settings.image_size = [1, 16384];
+        let text = state.to_toml().expect("is written");
+        assert_eq!(ViewState::from_toml(&text), Ok(state), "{text}");
+        for line in ["zoom = 0.1", "crop = \"10:,:,:40.5\"", "emphasis = \"concave,1,3,5/linear,0.2,8,1\""] {
+            assert!(text.contains(line), "{line} is not in:\n{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_is_as_by_default() {
+        assert_eq!(ViewState::from_toml(""), Ok(ViewState::default()));
+        let state = ViewState::from_toml("[camera]\nazimuth = 5\n").expect("a state");
+        assert_eq!(state, ViewState { camera: Camera { azimuth: 5.0, ..Camera::default() }, ..ViewState::default() });
+    }
+
+    #[test]
+    fn what_is_not_understood_is_told_with_its_line() {
+        for (text, expected) in [
+            ("[camera]\nazimut = 5\n", "unknown field `azimut`"),
+            ("[transfer_function]\nregions = [\"1:2,3:4\"]\n", "is not v0:v1,g0:g1,RRGGBB"),
+            ("[camera]\nazimuth = \"left\"\n", "line 2"),
+            ("camera", "line 1"),
+        ] {
+            let message = ViewState::from_toml(text).expect_err(text).to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
