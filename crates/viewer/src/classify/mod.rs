@@ -14,5 +14,5 @@ pub use emphasis_table::EmphasisTable;
 pub use macrocells::{MacrocellRanges, Occupancy};
 pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;
-pub use preintegration::PreintegrationTable;
+pub use preintegration::{PreintegrationCells, PreintegrationTable};
 pub use region_proposal::propose_regions;

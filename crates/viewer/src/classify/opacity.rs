@@ -82,6 +82,33 @@ impl OpacityTable {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
         (self.entries[bin].map(|share| f32::from(share) / 65535.0), usize::from(self.emphases[bin]))
     }
+
+    /// Which bins of value have an opacity, for every gradient magnitude.
+    #[must_use]
+    pub fn lit_rows(&self) -> LitRows {
+        let rows = self.entries.chunks_exact(VALUE_BINS).map(|row| {
+            let is_lit = |entry: &[u16; 4]| entry[3] > 0;
+            let ends = row.iter().position(is_lit).zip(row.iter().rposition(is_lit));
+            ends.map_or([u16::MAX, 0], |(first, last)| [first as u16, last as u16])
+        });
+        LitRows { rows: rows.collect() }
+    }
+}
+
+/// For every gradient magnitude the first and the last bin of value with an opacity; the first behind the last for none.
+#[derive(Clone, Debug)]
+pub struct LitRows {
+    rows: Vec<[u16; 2]>,
+}
+
+impl LitRows {
+    /// Whether any bin of value from a first to a last one has an opacity in a row.
+    #[must_use]
+    #[inline(always)]
+    pub fn is_lit(&self, [low, high]: [usize; 2], row: usize) -> bool {
+        let [first, last] = self.rows[row].map(usize::from);
+        low <= last && high >= first
+    }
 }
 
 /// Whether any of a rectangle of bins has an opacity, at the cost of four numbers: a summed-area table.
@@ -99,8 +126,8 @@ impl LitBins {
         if gradient[0] > gradient[1] {
             return false;
         }
-        // Interpolation rounds: far less than half a stored number.
-        let [left, right] = [value_bin(f32::from(value[0]) - 0.5), value_bin(f32::from(value[1]) + 0.5) + 1];
+        let [left, last] = value_bins(value);
+        let right = last + 1;
         let [below, above] = [gradient_bin(gradient[0]), gradient_bin(gradient[1]) + 1];
         let count = |row: usize, bin: usize| self.counts[row * (VALUE_BINS + 1) + bin];
         count(above, right) + count(below, left) > count(above, left) + count(below, right)
@@ -108,12 +135,19 @@ impl LitBins {
 }
 
 /// The bin of an interpolated value in 0..=65535. The factor is a power of two: exact on the CPU and the GPU.
-fn value_bin(value: f32) -> usize {
+pub(crate) fn value_bin(value: f32) -> usize {
     ((value * (VALUE_BINS as f32 / 65536.0)) as usize).min(VALUE_BINS - 1)
 }
 
+/// The first and the last bin of values that are interpolated between two stored ones. Interpolation rounds: far less than
+/// half a stored number.
+#[inline(always)]
+pub(crate) fn value_bins(value: [u16; 2]) -> [usize; 2] {
+    [value_bin(f32::from(value[0]) - 0.5), value_bin(f32::from(value[1]) + 0.5)]
+}
+
 /// The bin of a stored gradient magnitude, 1..=65535, in integers: the same everywhere.
-fn gradient_bin(stored: u16) -> usize {
+pub(crate) fn gradient_bin(stored: u16) -> usize {
     usize::from(stored.saturating_sub(1)) * GRADIENT_BINS / 65535
 }
 

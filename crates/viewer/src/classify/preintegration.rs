@@ -5,6 +5,8 @@
 //! difference of two entries, so that a boundary within a step is seen, however thin αd is. After Engel, Kraus and Ertl, High-quality
 //! pre-integrated volume rendering using hardware-accelerated pixel shading, 2001, for a product of which one factor stays.
 
+use glam::Vec4;
+
 use super::EmphasisTable;
 use super::emphasis_table::INTERVALS;
 
@@ -56,41 +58,72 @@ impl PreintegrationTable {
         Self { numbers }
     }
 
-    /// The opacity for each `L_min` of a stretch around a signed distance, where αu is `by_role` throughout, and the distance
-    /// changes by `half` to either side, both in multiples of `L_min`. Right to 0.004 where that is
-    /// not shorter than [`SHORTEST`].
-    #[must_use]
-    #[inline]
-    pub fn look_up(&self, emphases: &EmphasisTable, index: usize, by_role: f32, distance: f32, half: f32) -> f32 {
-        if 2.0 * half < SHORTEST {
-            return by_role * emphases.look_up(index, distance);
-        }
-        let level = (LEVELS - 1) as f32 * (1.0 - (1.0 - by_role).max(0.0).sqrt());
-        let optical_depth = self.integral(emphases, index, level, distance + half)
-            - self.integral(emphases, index, level, distance - half);
-        1.0 - (-optical_depth / (2.0 * half)).exp()
-    }
-
-    /// The integral from 0 to a signed distance.
-    #[inline]
-    fn integral(&self, emphases: &EmphasisTable, index: usize, level: f32, distance: f32) -> f32 {
-        let row = 2 * index + usize::from(distance < 0.0);
-        let place =
-            (distance.abs() * (STRETCHES as f32 / INTERVALS as f32 * emphases.scale(row))).min(STRETCHES as f32);
-        let lower = (level as usize).min(LEVELS - 2);
-        let at = |level: usize| {
-            let stretch = place as usize;
-            let numbers = &self.numbers[(row * LEVELS + level) * LEVEL + stretch..][..2];
-            numbers[0] + (place - stretch as f32) * (numbers[1] - numbers[0])
-        };
-        let integral = at(lower) + (level - lower as f32) * (at(lower + 1) - at(lower));
-        if distance < 0.0 { -integral } else { integral }
-    }
-
     /// All levels of [`LEVEL`] numbers.
     #[must_use]
     pub fn numbers(&self) -> &[f32] {
         &self.numbers
+    }
+}
+
+/// The table as the CPU reads it: what lies around a place in it side by side.
+#[derive(Clone, Debug)]
+pub struct PreintegrationCells {
+    /// Between two levels and two numbers: both of the lower level, then both of the upper one.
+    cells: Vec<Vec4>,
+    /// For every row of the table of emphases how many stretches there are to `L_min`.
+    scales: Vec<f32>,
+}
+
+impl PreintegrationCells {
+    /// Of the table of `emphases`.
+    #[must_use]
+    pub fn new(emphases: &EmphasisTable) -> Self {
+        let table = PreintegrationTable::new(emphases);
+        let mut cells = Vec::with_capacity(emphases.rows() * (LEVELS - 1) * (LEVEL - 1));
+        for levels in table.numbers.chunks_exact(LEVELS * LEVEL) {
+            for pair in levels.windows(2 * LEVEL).step_by(LEVEL) {
+                let (lower, upper) = pair.split_at(LEVEL);
+                let numbers = lower.windows(2).zip(upper.windows(2));
+                cells.extend(numbers.map(|(lower, upper)| Vec4::new(lower[0], lower[1], upper[0], upper[1])));
+            }
+        }
+        let scale = |row| STRETCHES as f32 / INTERVALS as f32 * emphases.scale(row);
+        Self { cells, scales: (0..emphases.rows()).map(scale).collect() }
+    }
+
+    /// Where the level below an opacity αu begins for the high-value side of an emphasis, and how far above it the opacity lies.
+    #[must_use]
+    pub fn level(emphasis: usize, opacity: f32) -> (u32, f32) {
+        let level = (LEVELS - 1) as f32 * (1.0 - (1.0 - opacity).max(0.0).sqrt());
+        let lower = (level as usize).min(LEVELS - 2);
+        (((2 * emphasis * (LEVELS - 1) + lower) * (LEVEL - 1)) as u32, level - lower as f32)
+    }
+
+    /// The integral from 0 to a signed distance, for what [`Self::level`] gave.
+    #[must_use]
+    #[inline(always)]
+    pub fn integral(&self, first: u32, emphasis: usize, level: f32, distance: f32) -> f32 {
+        let side = usize::from(distance < 0.0);
+        let place = (distance.abs() * self.scales[2 * emphasis + side]).min(STRETCHES as f32);
+        // No larger than a table has cells: the shorter conversion.
+        let stretch = place as i32;
+        let cell = self.cells[first as usize + side * (LEVELS - 1) * (LEVEL - 1) + stretch as usize];
+        let along = place - stretch as f32;
+        let (below, above) = (cell.x + along * (cell.y - cell.x), cell.z + along * (cell.w - cell.z));
+        (below + level * (above - below)).copysign(distance)
+    }
+
+    /// The opacity for each `L_min` of a stretch around a signed distance, where αu is `by_role` throughout, and the distance
+    /// changes by `half` to either side, both in multiples of `L_min`. Right to 0.004 where that is
+    /// not shorter than [`SHORTEST`].
+    #[must_use]
+    pub fn look_up(&self, emphases: &EmphasisTable, index: usize, by_role: f32, distance: f32, half: f32) -> f32 {
+        if 2.0 * half < SHORTEST {
+            return by_role * emphases.look_up(index, distance);
+        }
+        let (first, level) = Self::level(index, by_role);
+        let integral = |distance| self.integral(first, index, level, distance);
+        1.0 - (-(integral(distance + half) - integral(distance - half)) / (2.0 * half)).exp()
     }
 }
 
@@ -118,7 +151,7 @@ mod tests {
             let transfer_function =
                 TransferFunction { regions: Vec::new(), emphasis: emphasis.parse().expect("an emphasis") };
             let emphases = EmphasisTable::new(&transfer_function);
-            let table = PreintegrationTable::new(&emphases);
+            let table = PreintegrationCells::new(&emphases);
             for by_role in [0.0, 0.02, 0.3, 0.75, 0.99, 1.0] {
                 for half in [0.005, 0.05, 0.5, 1.0] {
                     for distance in [-3.2, -1.0, -0.3, 0.0, 0.01, 0.4, 1.7, 8.0, 20.0] {

@@ -3,20 +3,23 @@
 //! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
 //! `shading.wgsl`, and the loop below is `compositing.wgsl`. Pictures of the two differ by rounding alone.
 
+pub mod roles;
 pub mod sampling;
 pub mod shading;
 
 use glam::{Vec3, Vec4};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, correct_opacity};
+use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::state::{Camera, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
-use sampling::{CellCache, RoleSample, Sampler};
+use roles::Roles;
+use sampling::{Cell, RoleSample, Sampler};
 use shading::shade;
 
 /// Most pixels along a side of a picture: what GPUs take too.
@@ -26,9 +29,7 @@ pub const MAX_IMAGE_SIDE: u32 = 16384;
 pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     state: ViewState,
-    table: OpacityTable,
-    emphases: EmphasisTable,
-    preintegration: PreintegrationTable,
+    roles: Roles,
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
@@ -68,18 +69,17 @@ impl<'a> RayMarcher<'a> {
         let description = &volume.description;
         let table =
             OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
-        let emphases = EmphasisTable::new(&state.transfer_function);
-        let frame = Frame::new(state, description, &emphases, image_size);
+        let roles = Roles::new(&table, &state.transfer_function);
+        let frame = Frame::new(state, description, roles.emphases(), image_size);
         let leaps = state.render_settings.leaps;
         let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
-        let preintegration = PreintegrationTable::new(&emphases);
-        Ok(Self { volume, state: state.clone(), table, emphases, preintegration, frame, occupancy })
+        Ok(Self { volume, state: state.clone(), roles, frame, occupancy })
     }
 
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        self.frame = Frame::new(&self.state, &self.volume.description, &self.emphases, self.frame.image_size);
+        self.frame = Frame::new(&self.state, &self.volume.description, self.roles.emphases(), self.frame.image_size);
     }
 
     /// What camera, settings and volume come to.
@@ -106,13 +106,8 @@ impl<'a> RayMarcher<'a> {
     pub fn light(&self) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
-        let rows = pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
-            let mut counts = SampleCounts::default();
-            for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = self.march(&self.frame.ray(x as u32, y as u32), &mut counts);
-            }
-            counts
-        });
+        let rows =
+            pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| march_row(self, y as u32, row));
         let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
     }
@@ -127,18 +122,20 @@ impl<'a> RayMarcher<'a> {
     #[must_use]
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
         let sampler = self.sampler();
-        sampler.sample(index * self.frame.spacing, Vec3::ZERO, &mut CellCache::default())
+        let place = sampler.place(index * self.frame.spacing);
+        sampler.sample(place, Vec3::ZERO, &mut Cell::default())
     }
 
     fn sampler(&self) -> Sampler<'_> {
-        Sampler::new(self.volume, &self.table, &self.emphases, &self.preintegration, &self.frame)
+        Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
     /// Light along a ray, front to back.
+    #[inline(always)]
     fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
-        let mut cache = CellCache::default();
+        let mut cell = Cell::default();
         let leaping = LeapingRay::new(frame, ray);
         let Interval { entry, exit, cut } = frame.interval(ray);
         counts.all += ((exit - entry) / frame.step + 0.5).max(0.0) as u64;
@@ -156,7 +153,7 @@ impl<'a> RayMarcher<'a> {
                 continue;
             }
             counts.taken += 1;
-            let sample = sampler.sample_at(place, ray.direction, &mut cache);
+            let sample = sampler.sample(place, ray.direction, &mut cell);
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
                 // A face that was cut is lit as such.
@@ -173,4 +170,14 @@ impl<'a> RayMarcher<'a> {
         }
         PixelLight { light: sum, depth }
     }
+}
+
+/// A row of pixels, with the processor's own instructions; the bits are the same with any.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2"))]
+fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight]) -> SampleCounts {
+    let mut counts = SampleCounts::default();
+    for (x, pixel) in row.iter_mut().enumerate() {
+        *pixel = marcher.march(&marcher.frame.ray(x as u32, y), &mut counts);
+    }
+    counts
 }

@@ -11,10 +11,13 @@
 //! through 0 and draw a phantom sheet; a voxel without a hit contributes nothing; gradient magnitudes, which are labels,
 //! are never blended; and at a true boundary all planes agree, so that d passes through 0 there.
 
+use std::sync::LazyLock;
+
 use glam::{UVec3, Vec3};
 use voxrole_pack::quantization::decode_normal;
 
-use crate::classify::{EmphasisTable, OpacityTable, PreintegrationTable};
+use super::roles::{Roles, Stretch};
+use crate::classify::opacity::{VALUE_BINS, gradient_bin, value_bin, value_bins};
 use crate::frame::Frame;
 use crate::volume::VolumeTexels;
 
@@ -29,104 +32,155 @@ pub struct RoleSample {
     pub normal: Vec3,
 }
 
-/// The cell that the last sample lay in: successive samples often share it.
-#[derive(Default)]
-pub struct CellCache(Option<Cell>);
-
-#[derive(Clone, Copy)]
-struct Cell {
+/// The cell that the last samples of a ray lay in: successive ones often share it.
+pub struct Cell {
     base: UVec3,
-    texels: [[u16; 4]; 8],
-    /// Whether anything in this cell can be drawn.
-    is_active: bool,
+    values: [f32; 8],
+    /// Those of its corners that can be drawn somewhere in it, [`Self::count`] of them.
+    corners: [Corner; 8],
+    count: usize,
 }
 
-/// Reads one volume under one frame and table.
+impl Default for Cell {
+    /// None that a place lies in.
+    fn default() -> Self {
+        Self { base: UVec3::MAX, values: [0.0; 8], corners: [Corner::default(); 8], count: 0 }
+    }
+}
+
+/// What a corner says of every place in its cell.
+#[derive(Clone, Copy, Default)]
+struct Corner {
+    /// Which of the cell's corners it is, x fastest.
+    index: usize,
+    /// The bins of its gradient magnitude.
+    row: usize,
+    normal: Vec3,
+    /// Signed distance of its plane at the cell's lowest corner, and by how much that grows along the cell.
+    distance: f32,
+    growth: Vec3,
+    stretch: Stretch,
+    /// No place farther than this from the boundary can be drawn.
+    reach: f32,
+}
+
+/// Reads one volume under one frame and transfer function.
 pub struct Sampler<'a> {
     volume: &'a VolumeTexels,
-    table: &'a OpacityTable,
-    emphases: &'a EmphasisTable,
-    preintegration: &'a PreintegrationTable,
+    roles: &'a Roles,
     frame: &'a Frame,
+    all_normals: &'static [Vec3],
+    last: UVec3,
+    inverse_spacing: Vec3,
 }
 
 impl<'a> Sampler<'a> {
     /// Makes ready; costs nothing.
     #[must_use]
-    pub fn new(
-        volume: &'a VolumeTexels,
-        table: &'a OpacityTable,
-        emphases: &'a EmphasisTable,
-        preintegration: &'a PreintegrationTable,
-        frame: &'a Frame,
-    ) -> Self {
-        Self { volume, table, emphases, preintegration, frame }
-    }
-
-    /// The sample at a place in the frame's space, for a step along `direction`.
-    #[must_use]
-    pub fn sample(&self, position: Vec3, direction: Vec3, cache: &mut CellCache) -> RoleSample {
-        self.sample_at(self.place(position), direction, cache)
+    pub fn new(volume: &'a VolumeTexels, roles: &'a Roles, frame: &'a Frame) -> Self {
+        let (last, inverse_spacing) = (UVec3::from_array(frame.dims) - 1, frame.spacing.recip());
+        Self { volume, roles, frame, all_normals: all_normals(), last, inverse_spacing }
     }
 
     /// The cell of a place in the frame's space, by its lowest voxel, and where in it the place lies.
     #[must_use]
+    #[inline(always)]
     pub fn place(&self, position: Vec3) -> (UVec3, Vec3) {
-        let last = (UVec3::from_array(self.frame.dims) - 1).as_vec3();
-        let index = (position * self.frame.spacing.recip()).clamp(Vec3::ZERO, last);
+        let last = self.last.as_vec3();
+        let index = (position * self.inverse_spacing).clamp(Vec3::ZERO, last);
         let base = index.floor().min((last - 1.0).max(Vec3::ZERO));
         (base.as_uvec3(), index - base)
     }
 
-    /// The sample at a place that [`Self::place`] gave.
+    /// The sample at a place that [`Self::place`] gave, for a step along `direction`, which is that of all samples that `cell` was
+    /// used for.
     #[must_use]
-    pub fn sample_at(&self, (base, fraction): (UVec3, Vec3), direction: Vec3, cache: &mut CellCache) -> RoleSample {
-        let cell = self.cell(base, cache);
-        if cell.is_active { self.sample_cell(&cell, fraction, direction) } else { RoleSample::default() }
-    }
-
-    fn cell(&self, base: UVec3, cache: &mut CellCache) -> Cell {
-        if let Some(cell) = cache.0.filter(|cell| cell.base == base) {
-            return cell;
+    #[inline(always)]
+    pub fn sample(&self, (base, fraction): (UVec3, Vec3), direction: Vec3, cell: &mut Cell) -> RoleSample {
+        if cell.base != base {
+            self.enter(cell, base, direction);
         }
-        let dims = UVec3::from_array(self.frame.dims);
-        let texels = CORNERS.map(|corner| {
-            let voxel = (base + corner).min(dims - 1).as_usizevec3();
-            self.volume.texels[(voxel.z * dims.y as usize + voxel.y) * dims.x as usize + voxel.x]
-        });
-        // A plane's distance changes within the cell by no more than the cell's diagonal.
-        let is_active = texels
-            .iter()
-            .any(|&texel| VolumeTexels::has_hit(texel) && self.stored_distance(texel).abs() < self.frame.reach);
-        *cache.0.insert(Cell { base, texels, is_active })
+        if cell.count == 0 { RoleSample::default() } else { self.sample_cell(cell, fraction) }
     }
 
-    fn sample_cell(&self, cell: &Cell, fraction: Vec3, direction: Vec3) -> RoleSample {
-        let weights = CORNERS.map(|corner| {
-            let axes = Vec3::select(corner.cmpeq(UVec3::ONE), fraction, 1.0 - fraction);
-            axes.x * axes.y * axes.z
-        });
+    /// Reads a cell's voxels.
+    #[inline(always)]
+    fn enter(&self, cell: &mut Cell, base: UVec3, direction: Vec3) {
+        cell.base = base;
+        cell.count = 0;
+        let texels = self.texels(base);
+        cell.values = texels.map(|texel| f32::from(texel[0]));
+        let value = texels.iter().fold([u16::MAX, 0], |[low, high], texel| [low.min(texel[0]), high.max(texel[0])]);
+        let value_bins = value_bins(value);
+        for (index, texel) in texels.into_iter().enumerate() {
+            let distance = f32::from(texel[1] as i16) * self.frame.distance_scale;
+            // A plane's distance changes within the cell by no more than the cell's diagonal.
+            if !VolumeTexels::has_hit(texel) || distance.abs() >= self.frame.reach {
+                continue;
+            }
+            let row = gradient_bin(texel[2]);
+            if !self.roles.is_lit(value_bins, row) {
+                continue;
+            }
+            let normal = self.all_normals[usize::from(texel[3])];
+            let growth = normal * self.frame.spacing;
+            let half = normal.dot(direction).abs() * self.frame.half_step;
+            cell.corners[cell.count] = Corner {
+                index,
+                row: row * VALUE_BINS,
+                normal,
+                distance: distance - growth.dot(CORNERS[index]),
+                growth,
+                stretch: Stretch::new(half),
+                reach: self.roles.largest_d_c() + half,
+            };
+            cell.count += 1;
+        }
+    }
+
+    /// The voxels at a cell's corners.
+    #[inline(always)]
+    fn texels(&self, base: UVec3) -> [[u16; 4]; 8] {
+        let [width, height, _] = self.frame.dims.map(|dim| dim as usize);
+        let [x, y, z] = base.as_usizevec3().to_array();
+        let steps = (base.cmplt(self.last)).into();
+        let [next_x, next_y, next_z]: [bool; 3] = steps;
+        let (right, up, back) =
+            (usize::from(next_x), usize::from(next_y) * width, usize::from(next_z) * width * height);
+        let first = (z * height + y) * width + x;
+        let rows = [first, first + up, first + back, first + up + back];
+        let mut texels = [[0; 4]; 8];
+        for (pair, row) in texels.as_chunks_mut::<2>().0.iter_mut().zip(rows) {
+            *pair = [self.volume.texels[row], self.volume.texels[row + right]];
+        }
+        texels
+    }
+
+    #[inline(always)]
+    fn sample_cell(&self, cell: &Cell, fraction: Vec3) -> RoleSample {
+        let ([x1, y1, z1], [x0, y0, z0]) = (fraction.to_array(), (1.0 - fraction).to_array());
+        let low = [x0 * y0, x1 * y0, x0 * y1, x1 * y1];
+        let weights: [f32; 8] = std::array::from_fn(|corner| low[corner % 4] * if corner < 4 { z0 } else { z1 });
         let mut value = 0.0;
-        for (texel, weight) in cell.texels.iter().zip(weights) {
-            value += weight * f32::from(texel[0]);
+        for (number, weight) in cell.values.iter().zip(weights) {
+            value += weight * number;
         }
+        let bin = value_bin(value);
         let (mut opacity, mut color, mut normal) = (0.0, Vec3::ZERO, Vec3::ZERO);
-        for ((&texel, weight), corner) in cell.texels.iter().zip(weights).zip(CORNERS) {
-            if weight == 0.0 || !VolumeTexels::has_hit(texel) {
+        for corner in &cell.corners[..cell.count] {
+            let weight = weights[corner.index];
+            let distance = corner.distance + corner.growth.dot(fraction);
+            if distance.abs() >= corner.reach || weight == 0.0 {
                 continue;
             }
-            let ([red, green, blue, opacity_by_role], emphasis) = self.table.look_up(value, texel[2]);
-            if opacity_by_role == 0.0 {
+            let role = self.roles.of(corner.row + bin);
+            if role.opacity == 0.0 {
                 continue;
             }
-            let corner_normal = decode_normal(texel[3]).unwrap_or(Vec3::ZERO);
-            let offset = (fraction - corner.as_vec3()) * self.frame.spacing;
-            let distance = self.stored_distance(texel) + corner_normal.dot(offset);
-            let half = corner_normal.dot(direction).abs() * self.frame.half_step;
-            let share = weight * self.preintegration.look_up(self.emphases, emphasis, opacity_by_role, distance, half);
+            let share = weight * self.roles.opacity(role, distance, &corner.stretch);
             opacity += share;
-            color += share * Vec3::new(red, green, blue);
-            normal += share * corner_normal;
+            color += share * role.color;
+            normal += share * corner.normal;
         }
         if opacity > 0.0 {
             RoleSample { opacity: opacity.min(1.0), color: color / opacity, normal: unit_or_zero(normal / opacity) }
@@ -134,10 +188,13 @@ impl<'a> Sampler<'a> {
             RoleSample::default()
         }
     }
+}
 
-    fn stored_distance(&self, texel: [u16; 4]) -> f32 {
-        f32::from(texel[1] as i16) * self.frame.distance_scale
-    }
+/// Every normal that there is, by its stored form; 0 where that stands for none.
+fn all_normals() -> &'static [Vec3] {
+    static NORMALS: LazyLock<Vec<Vec3>> =
+        LazyLock::new(|| (0..=u16::MAX).map(|stored| decode_normal(stored).unwrap_or(Vec3::ZERO)).collect());
+    &NORMALS
 }
 
 /// A vector's direction, or 0 where opposite normals cancel.
@@ -147,13 +204,13 @@ fn unit_or_zero(vector: Vec3) -> Vec3 {
 }
 
 /// The cell's corners, x fastest.
-const CORNERS: [UVec3; 8] = [
-    UVec3::new(0, 0, 0),
-    UVec3::new(1, 0, 0),
-    UVec3::new(0, 1, 0),
-    UVec3::new(1, 1, 0),
-    UVec3::new(0, 0, 1),
-    UVec3::new(1, 0, 1),
-    UVec3::new(0, 1, 1),
-    UVec3::new(1, 1, 1),
+const CORNERS: [Vec3; 8] = [
+    Vec3::new(0.0, 0.0, 0.0),
+    Vec3::new(1.0, 0.0, 0.0),
+    Vec3::new(0.0, 1.0, 0.0),
+    Vec3::new(1.0, 1.0, 0.0),
+    Vec3::new(0.0, 0.0, 1.0),
+    Vec3::new(1.0, 0.0, 1.0),
+    Vec3::new(0.0, 1.0, 1.0),
+    Vec3::new(1.0, 1.0, 1.0),
 ];

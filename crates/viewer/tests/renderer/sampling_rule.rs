@@ -75,7 +75,8 @@ fn early_outs_change_nothing() {
             index = if next() < 0.1 { index.round() } else { index };
             let opacity = marcher.opacity_at(index);
             let naive = naive_opacity(&volume, &table, &emphases, &frame, index);
-            assert!(opacity.to_bits() == naive.to_bits(), "{opacity} is not {naive} at {index}");
+            // A plane's distance is summed in another order: off by a few millionths of 15, times αd's steepest slope.
+            assert!((opacity - naive).abs() < 1e-5, "{opacity} is not {naive} at {index}");
             lit += usize::from(opacity > 0.0);
         }
         assert!(lit > 200, "{kind:?}: only {lit} places were lit");
