@@ -8,7 +8,7 @@ use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_sk
 use voxrole_tests::{Prepared, prepared};
 use voxrole_viewer::classify::propose_regions;
 use voxrole_viewer::reference::RayMarcher;
-use voxrole_viewer::state::{BoundaryEmphasis, EmphasisKind, Region};
+use voxrole_viewer::state::{BoundaryEmphasis, EmphasisKind, Region, Shape};
 use voxrole_viewer::{ViewState, VolumeTexels};
 
 const EDGE: u32 = 64;
@@ -34,8 +34,15 @@ fn shells() -> Shells {
 
 fn state(gradient: [f32; 2], emphasis: BoundaryEmphasis) -> ViewState {
     let mut state = ViewState::default();
-    let region =
-        Region { value: [-0.5, 1.5], gradient, color: [1.0, 0.5, 0.2], opacity: 1.0, softness: 0.0, emphasis: None };
+    let region = Region {
+        shape: Shape::Box,
+        value: [-0.5, 1.5],
+        gradient,
+        color: [1.0, 0.5, 0.2],
+        opacity: 1.0,
+        softness: 0.0,
+        emphasis: None,
+    };
     state.transfer_function.regions = vec![region];
     state.transfer_function.emphasis = emphasis.into();
     state.render_settings.image_size = [128, 128];

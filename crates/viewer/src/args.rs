@@ -8,7 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::color::parse_color;
-use crate::state::{Camera, ClipPlane, Crop, Integration, Region, TwoSidedEmphasis};
+use crate::state::{Camera, ClipPlane, Crop, Curve, Integration, Region, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -93,13 +93,17 @@ pub struct RenderArgs {
     pub alpha: Option<TwoSidedEmphasis>,
     /// Draw the boundaries with these values and gradient magnitudes in this colour; may be given several times.
     /// Without any, regions are proposed from the histogram and printed in this form. Behind an @ stands the opacity by
-    /// distance of this region alone, as for --alpha.
+    /// distance of this region alone, as for --alpha. In front may stand `ellipse,` or `triangle,`; `polygon,v:g,v:g,v:g,...,RRGGBB`
+    /// names its corners.
     #[arg(
         long = "region",
-        value_name = "v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]",
+        value_name = "[SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]",
         allow_hyphen_values = true
     )]
     pub regions: Vec<Region>,
+    /// Opacity and colour by value alone, whatever the gradient magnitude: control points with straight lines between them.
+    #[arg(long, value_name = "v,RRGGBB,opacity;...", allow_hyphen_values = true)]
+    pub curve: Option<Curve>,
     /// Draw these voxels alone; an end that is left out cuts nothing.
     #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", allow_hyphen_values = true)]
     pub crop: Option<Crop>,

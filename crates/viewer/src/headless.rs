@@ -187,6 +187,7 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
         *camera = Camera { azimuth, elevation, zoom, roll, ..*camera };
     }
     set(&mut transfer_function.emphasis, &arguments.alpha);
+    set(&mut transfer_function.curve, &arguments.curve);
     set(&mut clipping.crop, &arguments.crop);
     set(&mut render_settings.image_size, &arguments.size);
     set(&mut render_settings.step, &arguments.step);
@@ -204,7 +205,7 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     if !arguments.regions.is_empty() {
         transfer_function.regions.clone_from(&arguments.regions);
     }
-    if transfer_function.regions.is_empty() {
+    if transfer_function.regions.is_empty() && transfer_function.curve.points().is_empty() {
         transfer_function.regions = proposed_regions(reader)?;
         for region in &transfer_function.regions {
             print(&format!("--region {region}\n"))?;

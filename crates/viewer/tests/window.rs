@@ -165,7 +165,7 @@ fn regions_are_dragged_resized_drawn_and_removed_in_the_histogram() {
     regions.truncate(1);
     regions[0].value = [value_low as f32, value_high as f32];
     regions[0].gradient = [gradient_low as f32, gradient_high as f32];
-    let start = regions[0];
+    let start = regions[0].clone();
     settle(&mut harness);
     let pictures = harness.state().preview.pictures();
 
@@ -173,7 +173,7 @@ fn regions_are_dragged_resized_drawn_and_removed_in_the_histogram() {
     let none = Modifiers::NONE;
     let middle = pos2(0.5 * (left.x + right.x), 0.5 * (top.y + bottom.y));
     drag(&mut harness, PointerButton::Primary, none, middle, middle + vec2(30.0, -20.0));
-    let moved = harness.state().view.transfer_function.regions[0];
+    let moved = harness.state().view.transfer_function.regions[0].clone();
     assert!(is_close(moved.value[0], f64::from(start.value[0]) + 30.0 * per_x, per_x), "{moved:?}");
     assert!(is_close(moved.gradient[1], f64::from(start.gradient[1]) + 20.0 * per_y, per_y), "{moved:?}");
     assert_eq!(harness.state().histogram.selected, Some(0));
@@ -182,7 +182,7 @@ fn regions_are_dragged_resized_drawn_and_removed_in_the_histogram() {
     // The right edge changes the highest value alone.
     let edge = pos2(right.x + 30.0, middle.y - 20.0);
     drag(&mut harness, PointerButton::Primary, none, edge, edge + vec2(-25.0, 50.0));
-    let resized = harness.state().view.transfer_function.regions[0];
+    let resized = harness.state().view.transfer_function.regions[0].clone();
     assert!(is_close(resized.value[1], f64::from(moved.value[1]) - 25.0 * per_x, per_x), "{resized:?}");
     assert_eq!((resized.value[0], resized.gradient), (moved.value[0], moved.gradient));
 

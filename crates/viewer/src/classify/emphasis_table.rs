@@ -109,8 +109,8 @@ mod tests {
         };
         let own = TwoSidedEmphasis::from(emphasis(EmphasisKind::Convex, 0.7, 1.5, 3.0));
         let plain: Region = "0:1,0:1,ffffff".parse().expect("a region");
-        let regions = vec![plain, Region { emphasis: Some(own), ..plain }];
-        let table = EmphasisTable::new(&TransferFunction { regions, emphasis: shared });
+        let regions = vec![plain.clone(), Region { emphasis: Some(own), ..plain }];
+        let table = EmphasisTable::new(&TransferFunction { regions, emphasis: shared, ..TransferFunction::default() });
         assert_eq!((table.numbers().len(), table.largest_d_c()), (4 * ROW, 15.0));
         for step in -4000..=4000 {
             let distance = step as f32 * 0.005;
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn nonsense_is_brought_into_range() {
         let nonsense = BoundaryEmphasis { a: f32::NAN, d_c: 0.0, n: -1.0, ..BoundaryEmphasis::default() };
-        let table = EmphasisTable::new(&TransferFunction { regions: Vec::new(), emphasis: nonsense.into() });
+        let table = EmphasisTable::new(&TransferFunction { emphasis: nonsense.into(), ..TransferFunction::default() });
         assert!(table.numbers().iter().all(|number| number.is_finite()) && table.largest_d_c() > 0.0);
     }
 }

@@ -2,7 +2,7 @@
 
 use voxrole_pack::HitGradientQuantization;
 
-use crate::state::Region;
+use crate::state::{Shape, TransferFunction};
 
 /// Bins of value.
 pub const VALUE_BINS: usize = 1024;
@@ -21,21 +21,56 @@ pub struct OpacityTable {
 }
 
 impl OpacityTable {
-    /// The table of `regions` over the file's ranges.
+    /// The table of a transfer function's regions and curve over the file's ranges.
     #[must_use]
-    pub fn new(regions: &[Region], value_range: [f64; 2], hit_gradient: HitGradientQuantization) -> Self {
+    pub fn new(
+        transfer_function: &TransferFunction,
+        value_range: [f64; 2],
+        hit_gradient: HitGradientQuantization,
+    ) -> Self {
         let mut sums = vec![RegionSum::default(); VALUE_BINS * GRADIENT_BINS];
         let gradient_range = [hit_gradient.low, hit_gradient.high].map(f64::from);
         let mut own_emphases = 0;
+        let TransferFunction { regions, curve, .. } = transfer_function;
+        if !curve.points().is_empty() {
+            let width = (value_range[1] - value_range[0]) / VALUE_BINS as f64;
+            let middles = (0..VALUE_BINS).map(|bin| (bin as f64 + 0.5).mul_add(width, value_range[0]) as f32);
+            let at: Vec<_> = middles.filter_map(|value| curve.at(value)).collect();
+            for row in sums.chunks_exact_mut(VALUE_BINS) {
+                for (sum, (color, opacity)) in row.iter_mut().zip(&at) {
+                    sum.add(*color, 0, *opacity);
+                }
+            }
+        }
         for region in regions {
             own_emphases += u16::from(region.emphasis.is_some());
             let emphasis = if region.emphasis.is_some() { own_emphases } else { 0 };
-            let value_weights = axis_weights(region.value, region.softness, value_range, VALUE_BINS);
-            let gradient_weights = axis_weights(region.gradient, region.softness, gradient_range, GRADIENT_BINS);
-            for (row, &gradient_weight) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradient_weights) {
-                if gradient_weight > 0.0 {
-                    for (sum, &value_weight) in row.iter_mut().zip(&value_weights) {
-                        sum.add(region, emphasis, region.opacity * gradient_weight * value_weight);
+            let add = |sum: &mut RegionSum, weight: f32| sum.add(region.color, emphasis, region.opacity * weight);
+            let axes = [(region.value, value_range, VALUE_BINS), (region.gradient, gradient_range, GRADIENT_BINS)];
+            // Only a rectangle is sure to hold the middle of a bin that it is narrower than.
+            let is_narrow = axes
+                .iter()
+                .any(|(extent, range, bins)| f64::from(extent[1] - extent[0]) < (range[1] - range[0]) / *bins as f64);
+            if region.shape == Shape::Box || is_narrow {
+                let [value_weights, gradient_weights] =
+                    axes.map(|(extent, range, bins)| axis_weights(extent, region.softness, range, bins));
+                for (row, &gradient_weight) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradient_weights) {
+                    if gradient_weight > 0.0 {
+                        let bins = row.iter_mut().zip(&value_weights);
+                        bins.for_each(|(sum, &value_weight)| add(sum, gradient_weight * value_weight));
+                    }
+                }
+                continue;
+            }
+            let [values, gradients] = axes.map(|(extent, range, bins)| axis_shares(extent, range, bins));
+            for (row, &gradient) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradients) {
+                if (0.0..=1.0).contains(&gradient) {
+                    let bins = row.iter_mut().zip(&values).filter(|(_, value)| (0.0..=1.0).contains(*value));
+                    for (sum, &value) in bins {
+                        let depth = region.shape.depth([value, gradient]);
+                        if depth >= 0.0 {
+                            add(sum, if region.softness > 0.0 { (depth / region.softness).min(1.0) } else { 1.0 });
+                        }
                     }
                 }
             }
@@ -176,6 +211,13 @@ fn axis_weights(extent: [f32; 2], softness: f32, range: [f64; 2], bins: usize) -
         .collect()
 }
 
+/// Where each bin's middle lies in a region along one axis: 0 at its lower end, 1 at its upper one.
+fn axis_shares([low, high]: [f32; 2], range: [f64; 2], bins: usize) -> Vec<f32> {
+    let width = (range[1] - range[0]) / bins as f64;
+    let (low, extent) = (f64::from(low), f64::from(high) - f64::from(low));
+    (0..bins).map(|bin| (((bin as f64 + 0.5).mul_add(width, range[0]) - low) / extent) as f32).collect()
+}
+
 /// What the regions say of one bin.
 #[derive(Clone, Copy, Default)]
 struct RegionSum {
@@ -186,12 +228,12 @@ struct RegionSum {
 }
 
 impl RegionSum {
-    fn add(&mut self, region: &Region, emphasis: u16, opacity: f32) {
+    fn add(&mut self, color: [f32; 3], emphasis: u16, opacity: f32) {
         if opacity > self.opacity {
             (self.opacity, self.emphasis) = (opacity, emphasis);
         }
         self.weight += opacity;
-        for (sum, channel) in self.color.iter_mut().zip(region.color) {
+        for (sum, channel) in self.color.iter_mut().zip(color) {
             *sum += opacity * channel;
         }
     }
@@ -210,13 +252,19 @@ impl RegionSum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::Region;
 
     const HIT_GRADIENT: HitGradientQuantization =
         HitGradientQuantization { low: 10.0, high: 50.0, steps: HitGradientQuantization::MOST_STEPS };
     const VALUE_RANGE: [f64; 2] = [-1000.0, 3000.0];
 
     fn region(value: [f32; 2], gradient: [f32; 2], color: [f32; 3], opacity: f32, softness: f32) -> Region {
-        Region { value, gradient, color, opacity, softness, emphasis: None }
+        Region { shape: Shape::Box, value, gradient, color, opacity, softness, emphasis: None }
+    }
+
+    fn table_of(regions: &[Region], value_range: [f64; 2], hit_gradient: HitGradientQuantization) -> OpacityTable {
+        let transfer_function = TransferFunction { regions: regions.to_vec(), ..TransferFunction::default() };
+        OpacityTable::new(&transfer_function, value_range, hit_gradient)
     }
 
     /// The table at physical values.
@@ -227,11 +275,8 @@ mod tests {
 
     #[test]
     fn a_hard_region_is_all_or_nothing() {
-        let table = OpacityTable::new(
-            &[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)],
-            VALUE_RANGE,
-            HIT_GRADIENT,
-        );
+        let table =
+            table_of(&[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)], VALUE_RANGE, HIT_GRADIENT);
         let [red, green, blue, opacity] = at(&table, 500.0, 25.0);
         assert!((opacity - 0.6).abs() < 1e-4 && red == 1.0 && (green - 0.5).abs() < 1e-4 && blue == 0.0);
         for (value, gradient) in [(-10.0, 25.0), (1010.0, 25.0), (500.0, 19.8), (500.0, 30.2)] {
@@ -244,12 +289,52 @@ mod tests {
 
     #[test]
     fn soft_edges_fade_inwards() {
-        let table =
-            OpacityTable::new(&[region([0.0, 1000.0], [10.0, 50.0], [1.0; 3], 1.0, 0.2)], VALUE_RANGE, HIT_GRADIENT);
+        let table = table_of(&[region([0.0, 1000.0], [10.0, 50.0], [1.0; 3], 1.0, 0.2)], VALUE_RANGE, HIT_GRADIENT);
         assert!((at(&table, 100.0, 30.0)[3] - 0.5).abs() < 0.02);
         assert!((at(&table, 900.0, 30.0)[3] - 0.5).abs() < 0.02);
         assert_eq!(at(&table, 300.0, 30.0)[3], 1.0);
         assert_eq!(at(&table, -5.0, 30.0)[3], 0.0);
+    }
+
+    #[test]
+    fn shapes_light_what_lies_inside_them() {
+        let of = |text: &str| table_of(&[text.parse().expect("a region")], VALUE_RANGE, HIT_GRADIENT);
+        for (text, inside, outside) in [
+            ("ellipse,0:1000,20:40,FFFFFF,0.6,0", [(500.0, 30.0), (150.0, 30.0)], [(100.0, 22.0), (900.0, 38.0)]),
+            ("triangle,0:1000,20:40,FFFFFF,0.6,0", [(500.0, 25.0), (100.0, 39.0)], [(100.0, 25.0), (900.0, 25.0)]),
+            ("polygon,0:20,1000:20,0:40,FFFFFF,0.6,0", [(100.0, 25.0), (100.0, 36.0)], [(900.0, 36.0), (600.0, 35.0)]),
+        ] {
+            let table = of(text);
+            for (value, gradient) in inside {
+                assert!((at(&table, value, gradient)[3] - 0.6).abs() < 1e-4, "{text} {value} {gradient}");
+            }
+            for (value, gradient) in outside {
+                assert_eq!(at(&table, value, gradient)[3], 0.0, "{text} {value} {gradient}");
+            }
+        }
+        // Soft inwards: halfway through the fade, half of the opacity.
+        let soft = of("ellipse,0:1000,20:40,FFFFFF,1,0.2");
+        assert!((at(&soft, 100.0, 30.0)[3] - 0.5).abs() < 0.02 && at(&soft, 500.0, 30.0)[3] == 1.0);
+        // Narrower than a bin, and not lost.
+        let narrow = of("ellipse,501.9:502.1,20:40,FFFFFF");
+        assert_eq!(at(&narrow, 502.0, 30.0)[3], 1.0);
+    }
+
+    #[test]
+    fn a_curve_counts_for_every_gradient_magnitude() {
+        let mut transfer_function = TransferFunction {
+            curve: "0,FF0000,0;1000,0000FF,1".parse().expect("a curve"),
+            ..TransferFunction::default()
+        };
+        let table = OpacityTable::new(&transfer_function, VALUE_RANGE, HIT_GRADIENT);
+        for gradient in [10.0, 30.0, 50.0] {
+            let [red, _, blue, opacity] = at(&table, 250.0, gradient);
+            assert!((opacity - 0.25).abs() < 4e-3 && (red - 0.75).abs() < 4e-3 && (blue - 0.25).abs() < 4e-3);
+            assert_eq!((at(&table, -10.0, gradient)[3], at(&table, 2000.0, gradient)[3]), (0.0, 1.0));
+        }
+        transfer_function.regions = vec![region([0.0, 1000.0], [20.0, 30.0], [0.0, 1.0, 0.0], 0.6, 0.0)];
+        let both = OpacityTable::new(&transfer_function, VALUE_RANGE, HIT_GRADIENT);
+        assert!((at(&both, 250.0, 25.0)[3] - 0.6).abs() < 1e-4 && (at(&both, 900.0, 25.0)[3] - 0.9).abs() < 4e-3);
     }
 
     #[test]
@@ -258,7 +343,7 @@ mod tests {
             region([0.0, 1000.0], [10.0, 50.0], [1.0, 0.0, 0.0], 0.6, 0.0),
             region([500.0, 1500.0], [10.0, 50.0], [0.0, 0.0, 1.0], 0.2, 0.0),
         ];
-        let [red, _, blue, opacity] = at(&OpacityTable::new(&regions, VALUE_RANGE, HIT_GRADIENT), 750.0, 30.0);
+        let [red, _, blue, opacity] = at(&table_of(&regions, VALUE_RANGE, HIT_GRADIENT), 750.0, 30.0);
         assert!((opacity - 0.6).abs() < 1e-4 && (red - 0.75).abs() < 1e-4 && (blue - 0.25).abs() < 1e-4);
     }
 
@@ -270,7 +355,7 @@ mod tests {
             ..region(extent, [10.0, 50.0], [0.0, 0.0, 1.0], opacity, 0.0)
         };
         let regions = [own([0.0, 300.0], 0.1), faint, own([500.0, 1500.0], 0.6)];
-        let table = OpacityTable::new(&regions, VALUE_RANGE, HIT_GRADIENT);
+        let table = table_of(&regions, VALUE_RANGE, HIT_GRADIENT);
         let emphasis = |value: f64| {
             let share = (value - VALUE_RANGE[0]) / (VALUE_RANGE[1] - VALUE_RANGE[0]);
             table.look_up((share * 65535.0) as f32, HIT_GRADIENT.encode(30.0)).1
@@ -280,11 +365,7 @@ mod tests {
 
     #[test]
     fn a_region_narrower_than_a_bin_is_not_lost() {
-        let table = OpacityTable::new(
-            &[region([501.9, 502.1], [30.04, 30.041], [1.0; 3], 1.0, 0.5)],
-            VALUE_RANGE,
-            HIT_GRADIENT,
-        );
+        let table = table_of(&[region([501.9, 502.1], [30.04, 30.041], [1.0; 3], 1.0, 0.5)], VALUE_RANGE, HIT_GRADIENT);
         let lit = table.entries().iter().filter(|entry| entry[3] > 0).count();
         assert!((1..=4).contains(&lit), "{lit}");
         assert_eq!(at(&table, 502.0, 30.04)[3], 1.0);
@@ -294,17 +375,14 @@ mod tests {
     fn flat_ranges_have_one_bin_that_counts() {
         let hit_gradient = HitGradientQuantization { low: 5.0, high: 5.0, ..HIT_GRADIENT };
         let whole = [region([6.0, 8.0], [4.0, 6.0], [1.0; 3], 1.0, 0.1)];
-        let table = OpacityTable::new(&whole, [7.0, 7.0], hit_gradient);
+        let table = table_of(&whole, [7.0, 7.0], hit_gradient);
         assert_eq!(table.look_up(0.0, hit_gradient.encode(5.0)).0[3], 1.0);
     }
 
     #[test]
     fn lit_bins_are_found_in_every_rectangle() {
-        let table = OpacityTable::new(
-            &[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)],
-            VALUE_RANGE,
-            HIT_GRADIENT,
-        );
+        let table =
+            table_of(&[region([0.0, 1000.0], [20.0, 30.0], [1.0, 0.5, 0.0], 0.6, 0.0)], VALUE_RANGE, HIT_GRADIENT);
         let lit = table.lit_bins();
         let values = [0, 16000, 16400, 20000, 32700, 33000, 65535];
         let gradients = [1, 16000, 16500, 20000, 32700, 33000, 65535];

@@ -149,7 +149,7 @@ mod tests {
     fn stretches_are_integrated() {
         for emphasis in ["concave,1,3,7", "linear,0.1,15", "convex,1,2,3/concave,0.5,4,2", "concave,0.9,0.5,7"] {
             let transfer_function =
-                TransferFunction { regions: Vec::new(), emphasis: emphasis.parse().expect("an emphasis") };
+                TransferFunction { emphasis: emphasis.parse().expect("an emphasis"), ..TransferFunction::default() };
             let emphases = EmphasisTable::new(&transfer_function);
             let table = PreintegrationCells::new(&emphases);
             for by_role in [0.0, 0.02, 0.3, 0.75, 0.99, 1.0] {

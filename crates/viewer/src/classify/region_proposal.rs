@@ -7,7 +7,7 @@
 use voxrole_pack::{Histogram, HistogramAxis};
 
 use super::blobs::{Blob, find_blobs};
-use crate::state::Region;
+use crate::state::{Region, Shape};
 
 /// Most regions that are proposed.
 pub const MAX_REGIONS: usize = 4;
@@ -54,6 +54,7 @@ pub fn propose_regions(histogram: &Histogram, smallest_spacing: f64) -> Vec<Regi
     }
     let count = extents.len();
     let regions = extents.iter().enumerate().map(|(place, extent)| Region {
+        shape: Shape::Box,
         value: extent.value.map(round_to_digits),
         gradient: extent.gradient.map(|gradient| round_to_digits(gradient.max(0.0))),
         color: PALETTE[count - 1 - place].map(|channel| f32::from(channel) / 255.0),

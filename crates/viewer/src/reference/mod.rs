@@ -67,8 +67,7 @@ impl<'a> RayMarcher<'a> {
             return Err(Error::PictureSize { width, height, limit: MAX_IMAGE_SIDE });
         }
         let description = &volume.description;
-        let table =
-            OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
+        let table = OpacityTable::new(&state.transfer_function, description.value_range, description.hit_gradient);
         let roles = Roles::new(&table, &state.transfer_function);
         let frame = Frame::new(state, description, roles.emphases(), image_size);
         let leaps = state.render_settings.leaps;

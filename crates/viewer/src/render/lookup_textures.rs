@@ -11,7 +11,7 @@ use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
 use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable};
 use crate::frame::Frame;
-use crate::state::{Region, ViewState};
+use crate::state::{TransferFunction, TwoSidedEmphasis, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 const TABLE_SIZE: Extent3d =
@@ -25,7 +25,7 @@ pub struct LookupTextures {
     emphasis_table: Texture,
     preintegration: Texture,
     ranges: MacrocellRanges,
-    table: Option<(Vec<Region>, OpacityTable)>,
+    table: Option<(TransferFunction, OpacityTable)>,
     /// What the emphasis table holds.
     numbers: Vec<f32>,
     /// What the occupancy is that of, beside the table: how far boundaries reach, and whether rays leap at all.
@@ -73,13 +73,14 @@ impl LookupTextures {
             write(gpu, &self.preintegration, bytemuck::cast_slice(integrals.numbers()));
             self.numbers = emphases.numbers().to_vec();
         }
-        let regions = &state.transfer_function.regions;
-        let kept = self.table.take().filter(|(of, _)| of == regions);
+        // The αd that regions share is none of its business.
+        let wanted = TransferFunction { emphasis: TwoSidedEmphasis::default(), ..state.transfer_function.clone() };
+        let kept = self.table.take().filter(|(of, _)| *of == wanted);
         let is_new = kept.is_none();
-        let (_, table) =
-            self.table.insert(kept.unwrap_or_else(|| {
-                (regions.clone(), OpacityTable::new(regions, volume.value_range, volume.hit_gradient))
-            }));
+        let (_, table) = self.table.insert(kept.unwrap_or_else(|| {
+            let table = OpacityTable::new(&wanted, volume.value_range, volume.hit_gradient);
+            (wanted, table)
+        }));
         if is_new {
             write(gpu, &self.opacity_table, bytemuck::cast_slice(table.entries()));
             write(gpu, &self.emphases, bytemuck::cast_slice(table.emphases()));

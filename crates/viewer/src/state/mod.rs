@@ -7,9 +7,11 @@ pub mod boundary_emphasis;
 pub mod camera;
 pub mod clipping;
 pub mod color;
+pub mod curve;
 pub mod region;
 pub mod render_settings;
 pub mod session;
+pub mod shape;
 pub mod transfer_function;
 
 use serde::{Deserialize, Serialize};
@@ -17,8 +19,10 @@ use serde::{Deserialize, Serialize};
 pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
 pub use clipping::{ClipPlane, Clipping, Crop};
+pub use curve::{ControlPoint, Curve};
 pub use region::Region;
 pub use render_settings::{Integration, Light, RenderSettings, Shading};
+pub use shape::Shape;
 pub use transfer_function::TransferFunction;
 
 /// Everything that decides what a picture of one volume looks like.

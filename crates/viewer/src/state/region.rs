@@ -1,4 +1,4 @@
-//! One selected region of (v, g): a rectangle with a colour, an opacity and soft edges.
+//! One selected region of (v, g): an outline with a colour, an opacity and soft edges.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,12 +6,14 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::color::{format_color, parse_color};
-use super::{ParseError, TwoSidedEmphasis, parse_number};
+use super::{ParseError, Shape, TwoSidedEmphasis, parse_number};
 
-/// A rectangle of value and gradient magnitude at the hit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A region of value and gradient magnitude at the hit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct Region {
+    /// Its outline inside the rectangle of the two ranges.
+    pub shape: Shape,
     /// From which value to which, in the volume's physical unit.
     pub value: [f32; 2],
     /// From which gradient magnitude at the hit to which, in value units per world unit.
@@ -34,16 +36,33 @@ impl Region {
 impl FromStr for Region {
     type Err = ParseError;
 
-    /// `v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]`; opacity 1 where none is given.
+    /// `[SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]`, where the shape is `box`, `ellipse` or `triangle`, or
+    /// `polygon,v:g,v:g,v:g,...,RRGGBB...` by its corners; opacity 1 where none is given.
     fn from_str(text: &str) -> Result<Self, ParseError> {
         let (region, emphasis) = match text.split_once('@') {
             Some((region, emphasis)) => (region, Some(emphasis.parse()?)),
             None => (text, None),
         };
         let parts: Vec<&str> = region.split(',').map(str::trim).collect();
-        let [value, gradient, color, rest @ ..] = parts.as_slice() else {
-            return Err(usage(text));
+        let (shape, parts) = match parts.as_slice() {
+            ["box", rest @ ..] => (Shape::Box, rest),
+            ["ellipse", rest @ ..] => (Shape::Ellipse, rest),
+            ["triangle", rest @ ..] => (Shape::Triangle, rest),
+            ["polygon", rest @ ..] => (Shape::Polygon(Vec::new()), rest),
+            rest => (Shape::Box, rest),
         };
+        let (shape, [value, gradient], rest) = match (shape, parts) {
+            (Shape::Polygon(_), parts) => {
+                let corners = parts.iter().take_while(|part| part.contains(':')).count();
+                let (shape, ranges) = parse_corners(&parts[..corners])?;
+                (shape, ranges, &parts[corners..])
+            }
+            (shape, [value, gradient, rest @ ..]) => {
+                (shape, [parse_range(value, "value")?, parse_range(gradient, "gradient magnitude")?], rest)
+            }
+            _ => return Err(usage(text)),
+        };
+        let [color, rest @ ..] = rest else { return Err(usage(text)) };
         let (opacity, softness) = match rest {
             [] => ("1", None),
             [opacity] => (*opacity, None),
@@ -51,8 +70,9 @@ impl FromStr for Region {
             _ => return Err(usage(text)),
         };
         let region = Self {
-            value: parse_range(value, "value")?,
-            gradient: parse_range(gradient, "gradient magnitude")?,
+            shape,
+            value,
+            gradient,
             color: parse_color(color)?,
             opacity: parse_number(opacity, "opacity")?,
             softness: softness.map_or(Ok(Self::DEFAULT_SOFTNESS), |softness| parse_number(softness, "softness"))?,
@@ -70,8 +90,36 @@ impl FromStr for Region {
 
 fn usage(text: &str) -> ParseError {
     ParseError(format!(
-        "`{text}` is not v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n] such as 80:255,10:40,E69F00,0.5"
+        "`{text}` is not [SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n] such as 80:255,10:40,E69F00,0.5 or \
+         ellipse,80:255,10:40,E69F00, nor polygon,v:g,v:g,v:g,...,RRGGBB[,...]"
     ))
+}
+
+/// A polygon, and the ranges of value and gradient magnitude that it spans, by its corners.
+fn parse_corners(parts: &[&str]) -> Result<(Shape, [[f32; 2]; 2]), ParseError> {
+    if parts.len() < 3 {
+        return Err(ParseError(format!("a polygon has three corners v:g or more, found {}", parts.len())));
+    }
+    let mut corners = Vec::with_capacity(parts.len());
+    let mut ranges = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+    for part in parts {
+        let (value, gradient) =
+            part.split_once(':').ok_or_else(|| ParseError(format!("corner `{part}` is not v:g")))?;
+        let corner = [parse_number(value, "value")?, parse_number(gradient, "gradient magnitude")?];
+        for ([low, high], number) in ranges.iter_mut().zip(corner) {
+            (*low, *high) = (low.min(number), high.max(number));
+        }
+        corners.push(corner);
+    }
+    if ranges.iter().any(|[low, high]| low >= high) {
+        return Err(ParseError("the corners of a polygon lie on a line".into()));
+    }
+    for corner in &mut corners {
+        for (number, [low, high]) in corner.iter_mut().zip(ranges) {
+            *number = (*number - low) / (high - low);
+        }
+    }
+    Ok((Shape::Polygon(corners), ranges))
 }
 
 fn parse_range(text: &str, what: &str) -> Result<[f32; 2], ParseError> {
@@ -87,7 +135,18 @@ fn parse_range(text: &str, what: &str) -> Result<[f32; 2], ParseError> {
 impl fmt::Display for Region {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([v0, v1], [g0, g1]) = (self.value, self.gradient);
-        write!(formatter, "{v0}:{v1},{g0}:{g1},{},{}", format_color(self.color), self.opacity)?;
+        match &self.shape {
+            Shape::Box => write!(formatter, "{v0}:{v1},{g0}:{g1}")?,
+            Shape::Ellipse => write!(formatter, "ellipse,{v0}:{v1},{g0}:{g1}")?,
+            Shape::Triangle => write!(formatter, "triangle,{v0}:{v1},{g0}:{g1}")?,
+            Shape::Polygon(corners) => {
+                write!(formatter, "polygon")?;
+                for [x, y] in corners {
+                    write!(formatter, ",{}:{}", v0 + x * (v1 - v0), g0 + y * (g1 - g0))?;
+                }
+            }
+        }
+        write!(formatter, ",{},{}", format_color(self.color), self.opacity)?;
         if self.softness != Self::DEFAULT_SOFTNESS {
             write!(formatter, ",{}", self.softness)?;
         }
@@ -109,10 +168,13 @@ mod tests {
             "1:2,3:4,00ff00,0.25",
             "1:2,3:4,00ff00,0.25,0.3",
             "1:2,3:4,00ff00@concave,1,2,7",
+            "ellipse,1:2,3:4,00ff00,0.25",
+            "triangle,1:2,3:4,00ff00@concave,1,2,7",
+            "polygon,1:2,3:4,2:8,00ff00,0.5,0.2",
             "1:2,3:4,00ff00,0.5,0.2@concave,1,2,7/linear,0.2,4",
         ] {
             let region: Region = text.parse().expect("a region");
-            assert_eq!(region.to_string().parse(), Ok(region), "{text}");
+            assert_eq!(region.to_string().parse(), Ok(region.clone()), "{text}");
         }
         let region: Region = "1:2,3:4,00ff00".parse().expect("a region");
         assert_eq!((region.value, region.gradient, region.opacity), ([1.0, 2.0], [3.0, 4.0], 1.0));
@@ -122,6 +184,11 @@ mod tests {
     #[test]
     fn anything_else_is_refused() {
         for text in ["", "1:2,3:4", "2:1,3:4,00ff00", "1:1,3:4,00ff00", "1:2,3,00ff00", "1:2,3:4,00ff00,2"] {
+            assert!(text.parse::<Region>().is_err(), "{text}");
+        }
+        for text in
+            ["circle,1:2,3:4,00ff00", "polygon,1:2,3:4,00ff00", "polygon,1:2,1:3,1:4,00ff00", "polygon,1:2,3:4,2:8"]
+        {
             assert!(text.parse::<Region>().is_err(), "{text}");
         }
         assert!("1:2,3:4,00ff00,1,0.6".parse::<Region>().is_err());

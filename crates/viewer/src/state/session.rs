@@ -1,6 +1,6 @@
 //! What the user set, as a file: TOML, in which regions, emphases and cuts are written as they are typed.
 
-use super::{ClipPlane, Crop, ParseError, Region, TwoSidedEmphasis, ViewState};
+use super::{ClipPlane, Crop, Curve, ParseError, Region, TwoSidedEmphasis, ViewState};
 
 impl ViewState {
     /// The file's text.
@@ -42,7 +42,7 @@ macro_rules! written_as_typed {
     )*};
 }
 
-written_as_typed!(ClipPlane, Crop, Region, TwoSidedEmphasis);
+written_as_typed!(ClipPlane, Crop, Curve, Region, TwoSidedEmphasis);
 
 #[cfg(test)]
 mod tests {
@@ -81,7 +81,7 @@ mod tests {
     fn what_is_not_understood_is_told_with_its_line() {
         for (text, expected) in [
             ("[camera]\nazimut = 5\n", "unknown field `azimut`"),
-            ("[transfer_function]\nregions = [\"1:2,3:4\"]\n", "is not v0:v1,g0:g1,RRGGBB"),
+            ("[transfer_function]\nregions = [\"1:2,3:4\"]\n", "is not [SHAPE,]v0:v1"),
             ("[camera]\nazimuth = \"left\"\n", "line 2"),
             ("camera", "line 1"),
         ] {

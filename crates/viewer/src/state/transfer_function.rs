@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Region, TwoSidedEmphasis};
+use super::{Curve, Region, TwoSidedEmphasis};
 
 /// Regions of (v, g) that make αu and the colour, and αd.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -10,6 +10,8 @@ use super::{Region, TwoSidedEmphasis};
 pub struct TransferFunction {
     /// The selected regions; where several overlap the largest opacity counts and colours mix by opacity.
     pub regions: Vec<Region>,
+    /// αu and colour by value alone, for every gradient magnitude: as one more region.
+    pub curve: Curve,
     /// Opacity by distance, for the regions that have none of their own.
     pub emphasis: TwoSidedEmphasis,
 }

@@ -1,5 +1,6 @@
 //! The joint histogram of value and gradient magnitude at the hit, with the regions over it.
 
+use egui::epaint::EllipseShape;
 use egui::{
     Color32, ColorImage, Key, Painter, Pos2, Rect, Response, Role, Sense, Stroke, StrokeKind, TextureHandle,
     TextureOptions, Ui, Vec2, WidgetInfo, pos2,
@@ -12,7 +13,7 @@ use super::axis::PlotArea;
 use super::opened_volume::OpenedVolume;
 use super::region_grip::{Grip, region_at, screen_rect};
 use super::theme;
-use crate::state::Region;
+use crate::state::{Region, Shape};
 
 /// Height of the plot with its axes, in points.
 const HEIGHT: f32 = 270.0;
@@ -43,7 +44,7 @@ pub struct HistogramPanel {
 }
 
 /// A region that follows the pointer.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 enum RegionDrag {
     /// One that was there before.
     Change { index: usize, grip: Grip, start: Region, from: [f64; 2] },
@@ -73,6 +74,7 @@ impl HistogramPanel {
         let colors = &theme::REGION_COLORS;
         let color = colors.iter().find(|color| !used(color)).unwrap_or(&colors[regions.len() % colors.len()]);
         Region {
+            shape: Shape::Box,
             value: middle(self.x),
             gradient: middle(self.y),
             color: color.map(|channel| f32::from(channel) / 255.0),
@@ -130,7 +132,7 @@ fn edit_regions(ui: &Ui, panel: &mut HistogramPanel, response: &Response, area: 
     {
         let from = area.plot_from_screen(press);
         panel.drag = Some(match grabbed(press, panel.selected) {
-            Some((index, grip)) => RegionDrag::Change { index, grip, start: regions[index], from },
+            Some((index, grip)) => RegionDrag::Change { index, grip, start: regions[index].clone(), from },
             None => RegionDrag::Draw { index: regions.len(), from },
         });
     } else if response.clicked()
@@ -140,7 +142,7 @@ fn edit_regions(ui: &Ui, panel: &mut HistogramPanel, response: &Response, area: 
     } else if let Some((_, grip)) = response.hover_pos().and_then(|pointer| grabbed(pointer, panel.selected)) {
         ui.ctx().set_cursor_icon(grip.cursor());
     }
-    if let (Some(drag), Some(pointer)) = (panel.drag, response.interact_pointer_pos()) {
+    if let (Some(drag), Some(pointer)) = (panel.drag.clone(), response.interact_pointer_pos()) {
         follow(panel, drag, area.plot_from_screen(pointer), area, regions);
     }
     if !response.dragged() && !response.drag_started() {
@@ -184,14 +186,34 @@ fn follow(panel: &mut HistogramPanel, drag: RegionDrag, to: [f64; 2], area: &Plo
 fn paint_region(painter: &Painter, region: &Region, area: &PlotArea, selected: bool) {
     let rect = screen_rect(region, area);
     let color = theme::color32(region.color);
-    painter.rect_filled(rect, 0.0, color.gamma_multiply(if selected { 0.28 } else { 0.16 }));
+    let fill = color.gamma_multiply(if selected { 0.28 } else { 0.16 });
+    let stroke = Stroke::new(if selected { 2.5 } else { 1.5 }, color);
     // Where the fade ends and the region has its full opacity.
     let full = rect.shrink2(rect.size() * region.softness.clamp(0.0, 0.5));
-    if region.softness > 0.0 {
-        painter.rect_stroke(full, 0.0, Stroke::new(1.0, color.gamma_multiply(0.45)), StrokeKind::Middle);
+    let inner = Stroke::new(if region.softness > 0.0 { 1.0 } else { 0.0 }, color.gamma_multiply(0.45));
+    // The screen's y points down, gradient magnitudes up.
+    let corner = |&[x, y]: &[f32; 2]| pos2(rect.left() + x * rect.width(), rect.bottom() - y * rect.height());
+    let corners: Vec<Pos2> = region.shape.corners().iter().map(corner).collect();
+    match region.shape {
+        Shape::Box => {
+            painter.rect_filled(rect, 0.0, fill);
+            painter.rect_stroke(full, 0.0, inner, StrokeKind::Middle);
+            painter.rect_stroke(rect, 0.0, stroke, StrokeKind::Middle);
+        }
+        Shape::Ellipse => {
+            let ellipse = |rect: Rect, fill, stroke| EllipseShape {
+                center: rect.center(),
+                radius: 0.5 * rect.size(),
+                fill,
+                stroke,
+                angle: 0.0,
+            };
+            painter.add(ellipse(rect, fill, stroke));
+            painter.add(ellipse(full, Color32::TRANSPARENT, inner));
+        }
+        Shape::Triangle => _ = painter.add(egui::Shape::convex_polygon(corners, fill, stroke)),
+        Shape::Polygon(_) => _ = painter.add(egui::Shape::closed_line(corners, stroke)),
     }
-    let width = if selected { 2.5 } else { 1.5 };
-    painter.rect_stroke(rect, 0.0, Stroke::new(width, color), StrokeKind::Middle);
     if selected {
         for handle in handles(rect) {
             let square = Rect::from_center_size(handle, Vec2::splat(HANDLE));

@@ -135,7 +135,7 @@ fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
 
 fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     let ViewerWindow { view, volume, histogram, .. } = window;
-    let TransferFunction { regions, emphasis } = &mut view.transfer_function;
+    let TransferFunction { regions, emphasis, .. } = &mut view.transfer_function;
     section(ui, "Regions of value and gradient magnitude, αu(v, g)", |ui| {
         histogram::histogram_ui(ui, histogram, volume, regions);
         transfer_function::transfer_function_ui(ui, histogram, regions, &volume.proposed_regions);

@@ -62,7 +62,7 @@ impl Grip {
         Region {
             value: move_ends(region.value, self.value, value, least(area.x)),
             gradient: move_ends(region.gradient, self.gradient, gradient, least(area.y)),
-            ..*region
+            ..region.clone()
         }
     }
 }
@@ -108,13 +108,14 @@ mod tests {
     use egui::pos2;
 
     use super::*;
+    use crate::state::Shape;
 
     fn area() -> PlotArea {
         PlotArea { rect: Rect::from_min_max(pos2(0.0, 0.0), pos2(200.0, 100.0)), x: [0.0, 200.0], y: [0.0, 100.0] }
     }
 
     fn region(value: [f32; 2], gradient: [f32; 2]) -> Region {
-        Region { value, gradient, color: [1.0; 3], opacity: 1.0, softness: 0.1, emphasis: None }
+        Region { shape: Shape::Box, value, gradient, color: [1.0; 3], opacity: 1.0, softness: 0.1, emphasis: None }
     }
 
     #[test]
@@ -154,7 +155,7 @@ mod tests {
         assert_eq!(found(None, 100.0, 50.0), Some(1));
         assert_eq!(found(Some(0), 100.0, 50.0), Some(1));
         assert_eq!(found(None, 30.0, 50.0), Some(0));
-        let twins = [regions[1], regions[1]];
+        let twins = [regions[1].clone(), regions[1].clone()];
         assert_eq!(region_at(&twins, Some(1), &area(), pos2(80.0, 50.0)).map(|(index, _)| index), Some(1));
     }
 }

@@ -1,11 +1,11 @@
 //! The list of regions: colour, extent, opacity and soft edge of each.
 
-use egui::{DragValue, Response, Ui};
+use egui::{ComboBox, DragValue, Response, Ui};
 use voxrole_preprocess::plot::numbers::short_number;
 
 use super::form::color_button;
 use super::histogram::HistogramPanel;
-use crate::state::Region;
+use crate::state::{Region, Shape};
 
 /// The regions one by one, and buttons that add one or bring back the proposed ones.
 pub fn transfer_function_ui(ui: &mut Ui, panel: &mut HistogramPanel, regions: &mut Vec<Region>, proposed: &[Region]) {
@@ -80,6 +80,29 @@ fn extent_row(ui: &mut Ui, index: usize, region: &mut Region, [value_span, gradi
         ui.weak("g");
         range_values(ui, &mut region.gradient, gradient_span, &format!("gradient magnitude of region {number}"));
     });
+    ui.horizontal(|ui| {
+        ui.add_space(30.0);
+        ui.weak("outline");
+        shape_menu(ui, number, &mut region.shape);
+    });
+}
+
+/// The outline; a polygon's corners come from the command line or a session, and stay as they are.
+fn shape_menu(ui: &mut Ui, number: usize, shape: &mut Shape) {
+    let name = |shape: &Shape| match shape {
+        Shape::Box => "box",
+        Shape::Ellipse => "ellipse",
+        Shape::Triangle => "triangle",
+        Shape::Polygon(_) => "polygon",
+    };
+    let menu = ComboBox::from_id_salt("shape").selected_text(name(shape)).width(62.0);
+    let response = menu.show_ui(ui, |ui| {
+        for choice in [Shape::Box, Shape::Ellipse, Shape::Triangle] {
+            let text = name(&choice);
+            ui.selectable_value(shape, choice, text);
+        }
+    });
+    response.response.accessible_name(format!("Outline of region {number}"));
 }
 
 fn share_value(ui: &mut Ui, share: &mut f32, most: f32, name: &str) -> Response {

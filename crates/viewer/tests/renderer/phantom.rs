@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use voxrole_pack::quantization::encode_normal;
 use voxrole_pack::{DistanceQuantization, GridGeometry, HitGradientQuantization, Precision};
-use voxrole_viewer::state::{Camera, CameraPreset, Projection, Region, TransferFunction};
+use voxrole_viewer::state::{Camera, CameraPreset, Projection, Region, Shape, TransferFunction};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
 /// Blur of all phantoms, in world units.
@@ -137,6 +137,7 @@ impl Phantom {
 /// All values that any phantom has, gradient magnitudes within a tenth of `gradient`.
 pub fn region_at(gradient: f64, opacity: f32, color: [f32; 3]) -> Region {
     Region {
+        shape: Shape::Box,
         value: [-100.0, 1000.0],
         gradient: [0.9, 1.1].map(|share| (share * gradient) as f32),
         color,

@@ -66,8 +66,7 @@ fn early_outs_change_nothing() {
         let emphases = EmphasisTable::new(&state.transfer_function);
         let frame = Frame::new(&state, &volume.description, &emphases, [8, 8]);
         let description = &volume.description;
-        let table =
-            OpacityTable::new(&state.transfer_function.regions, description.value_range, description.hit_gradient);
+        let table = OpacityTable::new(&state.transfer_function, description.value_range, description.hit_gradient);
         let mut lit = 0;
         for _ in 0..20_000 {
             // A little beyond the box too, and on voxels, where weights are 0.
