@@ -33,6 +33,8 @@ pub struct Cli {
 pub enum Command {
     /// Draw one picture into a PNG file.
     Render(Box<RenderArgs>),
+    /// Measure how far pictures are from one of many samples, and what they take: by step, with opacity integrated along it or not.
+    Bench(Box<BenchArgs>),
     /// Do the main job from end to end, on a phantom or on a volume: packed file, report, histograms, slices, picture.
     Demo(DemoArgs),
 }
@@ -60,9 +62,6 @@ pub struct RenderArgs {
     /// PNG file to write, or animated PNG of a turntable.
     #[arg(short, long, value_name = "OUT.png|OUT.apng")]
     pub output: PathBuf,
-    /// Session to start from, as the window or --save-session wrote it; options given here go before it.
-    #[arg(long, value_name = "FILE.toml")]
-    pub session: Option<PathBuf>,
     /// Write all settings, proposed regions included, as a session.
     #[arg(long, value_name = "FILE.toml")]
     pub save_session: Option<PathBuf>,
@@ -79,6 +78,35 @@ pub struct RenderArgs {
     /// as numpy's array. Drawn on the CPU.
     #[arg(long, value_name = "OUT.npy")]
     pub depth: Option<PathBuf>,
+    /// Distance between samples along a ray, in multiples of the smallest voxel spacing [default: 0.25].
+    #[arg(long, value_name = "F", value_parser = parse_step)]
+    pub step: Option<f32>,
+    /// What a sample says of the step that it stands for [default: pre].
+    #[arg(long, value_enum)]
+    pub integration: Option<Integration>,
+    /// Draw on the CPU even where there is a GPU.
+    #[arg(long)]
+    pub cpu: bool,
+    /// Take every sample: leap over nothing, end no ray early. The picture is the same.
+    #[arg(long)]
+    pub no_skip: bool,
+    /// Say how long drawing took and, on the CPU, how many samples it needed.
+    #[arg(long)]
+    pub stats: bool,
+    /// What is drawn.
+    #[command(flatten)]
+    pub view: ViewArgs,
+    /// Layout of a headerless volume.
+    #[command(flatten)]
+    pub raw: RawArgs,
+}
+
+/// What is drawn, by `render` and `bench`.
+#[derive(Clone, Debug, Args)]
+pub struct ViewArgs {
+    /// Session to start from, as the window or --save-session wrote it; options given here go before it.
+    #[arg(long, value_name = "FILE.toml")]
+    pub session: Option<PathBuf>,
     /// Width and height in pixels [default: 1024x1024].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<ImageSize>,
@@ -111,27 +139,26 @@ pub struct RenderArgs {
     /// towards the viewer, in radii of the volume, 0 where none is given. Up to four times.
     #[arg(long = "clip", value_name = "AZIMUTH,ELEVATION[,OFFSET]", allow_hyphen_values = true)]
     pub planes: Vec<ClipPlane>,
-    /// Distance between samples along a ray, in multiples of the smallest voxel spacing [default: 0.25].
-    #[arg(long, value_name = "F", value_parser = parse_step)]
-    pub step: Option<f32>,
-    /// What a sample says of the step that it stands for [default: pre].
-    #[arg(long, value_enum)]
-    pub integration: Option<Integration>,
     /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,
     /// Colour behind the volume [default: 000000].
     #[arg(long, value_name = "RRGGBB", value_parser = parse_background)]
     pub background: Option<Background>,
-    /// Draw on the CPU even where there is a GPU.
-    #[arg(long)]
-    pub cpu: bool,
-    /// Take every sample: leap over nothing, end no ray early. The picture is the same.
-    #[arg(long)]
-    pub no_skip: bool,
-    /// Say how long drawing took and, on the CPU, how many samples it needed.
-    #[arg(long)]
-    pub stats: bool,
+}
+
+/// What `bench` takes.
+#[derive(Clone, Debug, Args)]
+pub struct BenchArgs {
+    /// Packed file; a volume that is not packed is prepared first.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Folder for the table and the plots; made if there is none.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// What is drawn; without a size, 256x256.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -218,11 +245,11 @@ mod tests {
             "--cpu",
         ])
         .expect("is understood");
-        assert_eq!((render.size, render.step, render.cpu), (Some([80, 60]), Some(0.5), true));
-        assert_eq!(render.background, Some([1.0; 3]));
-        assert_eq!(render.camera.expect("a camera").azimuth, -30.0);
-        assert_eq!(render.regions.len(), 2);
-        assert_eq!(render.regions[0].value, [-1000.0, 200.0]);
+        assert_eq!((render.view.size, render.step, render.cpu), (Some([80, 60]), Some(0.5), true));
+        assert_eq!(render.view.background, Some([1.0; 3]));
+        assert_eq!(render.view.camera.expect("a camera").azimuth, -30.0);
+        assert_eq!(render.view.regions.len(), 2);
+        assert_eq!(render.view.regions[0].value, [-1000.0, 200.0]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use anyhow::{Context, bail, ensure};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use voxrole_preprocess::console::{print, tell};
 
-use crate::args::{Bits, RenderArgs};
+use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
 use crate::drawing::{Drawing, Drawn};
 use crate::open::open_or_prepare;
@@ -31,12 +31,19 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let opened = open_or_prepare(&arguments.file, &arguments.raw.read_options())?;
     let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
-    let state = state(reader, arguments).with_context(named)?;
+    let mut state = state(reader, &arguments.view).with_context(named)?;
+    let settings = &mut state.render_settings;
+    settings.step = arguments.step.unwrap_or(settings.step);
+    settings.integration = arguments.integration.unwrap_or(settings.integration);
+    if arguments.no_skip {
+        settings.leaps = false;
+        settings.termination_opacity = 1.0;
+    }
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;
     }
     let start = Instant::now();
-    let volume = VolumeTexels::read_level(reader, arguments.level).with_context(named)?;
+    let volume = VolumeTexels::read_level(reader, arguments.view.level).with_context(named)?;
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.cpu || outputs.need_light;
     let drawing = if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state) };
@@ -95,7 +102,7 @@ impl<'a> Outputs<'a> {
         let mut paths = outputs.paths();
         paths.extend(depth.iter().chain(save_session).cloned());
         let mut inputs = vec![arguments.file.as_path()];
-        inputs.extend(arguments.session.as_deref());
+        inputs.extend(arguments.view.session.as_deref());
         for (index, path) in paths.iter().enumerate() {
             atomic_file::check_output(path, &inputs).with_context(|| format!("writing {}", path.display()))?;
             ensure!(!paths[..index].contains(path), "{}: two outputs cannot be one file", path.display());
@@ -175,7 +182,10 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
 }
 
 /// The session, or else the defaults, with everything that was typed in its place.
-fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
+///
+/// # Errors
+/// When the session cannot be read, or no region is given and none can be proposed.
+pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
     let ViewState { camera, transfer_function, clipping, render_settings } = &mut state;
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
@@ -190,18 +200,12 @@ fn state(reader: &Reader, arguments: &RenderArgs) -> anyhow::Result<ViewState> {
     set(&mut transfer_function.curve, &arguments.curve);
     set(&mut clipping.crop, &arguments.crop);
     set(&mut render_settings.image_size, &arguments.size);
-    set(&mut render_settings.step, &arguments.step);
-    set(&mut render_settings.integration, &arguments.integration);
     set(&mut render_settings.background, &arguments.background);
     if !arguments.planes.is_empty() {
         clipping.planes.clone_from(&arguments.planes);
     }
     let (planes, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
     ensure!(planes <= most, "expected at most {most} planes that cut, found {planes}");
-    if arguments.no_skip {
-        render_settings.leaps = false;
-        render_settings.termination_opacity = 1.0;
-    }
     if !arguments.regions.is_empty() {
         transfer_function.regions.clone_from(&arguments.regions);
     }

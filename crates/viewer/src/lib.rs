@@ -7,6 +7,7 @@
 #[cfg(feature = "window")]
 pub mod app;
 pub mod args;
+pub mod bench;
 pub mod classify;
 pub mod demo;
 pub mod drawing;

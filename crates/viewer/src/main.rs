@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use voxrole_preprocess::console::tell;
 use voxrole_viewer::args::{Cli, Command};
-use voxrole_viewer::{demo, headless};
+use voxrole_viewer::{bench, demo, headless};
 
 fn main() -> ExitCode {
     // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
@@ -17,6 +17,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match (&cli.command, &cli.file) {
         (Some(Command::Render(arguments)), _) => headless::render(arguments),
+        (Some(Command::Bench(arguments)), _) => bench::run(arguments),
         (Some(Command::Demo(arguments)), _) => demo::run(arguments),
         (None, Some(file)) => open_window(file, &cli),
         (None, None) => Ok(()),
