@@ -49,12 +49,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let drawing = if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state) };
     let mut drawing = drawing.with_context(named)?;
     let ready = start.elapsed().as_secs_f64() - reading;
-    let drawn = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
+    let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
     if arguments.stats {
-        let seconds = start.elapsed().as_secs_f64() - reading - ready;
-        tell(format!(
-            "voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn and written in {seconds:.3} s"
-        ));
+        tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {seconds:.3} s"));
         if let Some(samples) = drawn.samples {
             let SampleCounts { taken, all } = samples;
             let saved = 100.0 * samples.saved();
@@ -121,16 +118,23 @@ impl<'a> Outputs<'a> {
         (0..self.frames).map(|frame| output.with_file_name(format!("{stem}-{frame:0digits$}.png"))).collect()
     }
 
-    /// Draws everything and writes it; returns the last picture.
-    fn write(&self, drawing: &mut Drawing<'_>, state: &ViewState, smallest_spacing: f64) -> anyhow::Result<Drawn> {
+    /// Draws everything and writes it; returns the last picture, and the seconds that drawing took.
+    fn write(
+        &self,
+        drawing: &mut Drawing<'_>,
+        state: &ViewState,
+        smallest_spacing: f64,
+    ) -> anyhow::Result<(Drawn, f64)> {
         let RenderArgs { output, bits, depth, transparent, .. } = self.arguments;
         let background = (!transparent).then(|| glam::Vec3::from_array(state.render_settings.background));
         let mut pictures = Vec::new();
-        let mut last = None;
+        let (mut last, mut seconds) = (None, 0.0);
         for (frame, path) in (0..self.frames).zip(self.paths().into_iter().map(Some).chain(std::iter::repeat(None))) {
             let mut camera = state.camera;
             camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
+            let start = Instant::now();
             let mut drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera })?;
+            seconds += start.elapsed().as_secs_f64();
             if let (true, Some(light)) = (*transparent, &drawn.light) {
                 drawn.picture = light.picture(None);
             }
@@ -152,7 +156,7 @@ impl<'a> Outputs<'a> {
         if let (Some(path), Some(light)) = (depth, &drawn.light) {
             write(path, &light.depth_npy(smallest_spacing))?;
         }
-        Ok(drawn)
+        Ok((drawn, seconds))
     }
 }
 
