@@ -87,6 +87,9 @@ pub struct RenderArgs {
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,
+    /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings.
+    #[arg(long)]
+    pub jitter: bool,
     /// Take every sample: leap over nothing, end no ray early. The picture is the same.
     #[arg(long)]
     pub no_skip: bool,

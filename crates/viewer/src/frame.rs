@@ -33,6 +33,8 @@ pub struct Frame {
     pub step: f32,
     /// Half of it where opacity is integrated along it; 0 where its middle counts for all of it.
     pub half_step: f32,
+    /// Whether every ray has its own place within the first step: see [`Self::first_sample`].
+    pub jitter: bool,
     /// A ray ends once its opacity exceeds this.
     pub termination_opacity: f32,
     /// What one step of a stored distance amounts to.
@@ -123,6 +125,7 @@ impl Frame {
             rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
             step,
             half_step: if settings.integration == Integration::Preintegrated { 0.5 * step } else { 0.0 },
+            jitter: settings.jitter,
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
             distance_scale: volume.d_max_in_spacings() / steps,
             reach: (emphases.largest_d_c() + texel_spacing.length() + 0.5 * step) * 1.001,
@@ -142,6 +145,19 @@ impl Frame {
         let origin = rays.origin + right * rays.origin_right + up * rays.origin_up;
         let direction = rays.direction + right * rays.direction_right + up * rays.direction_up;
         Ray { origin, direction: direction / direction.dot(direction).sqrt() }
+    }
+
+    /// Where in the first step of a pixel's ray the first sample lies, 0 to 1: its middle or, with jitter, a place that differs
+    /// as much as possible from those of the pixels around. Whole numbers, so that the GPU has the same bits.
+    ///
+    /// Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: R2, of the plastic number.
+    #[must_use]
+    pub fn first_sample(&self, x: u32, y: u32) -> f32 {
+        if !self.jitter {
+            return 0.5;
+        }
+        let sum = x.wrapping_mul(3_242_174_889).wrapping_add(y.wrapping_mul(2_447_445_414));
+        (sum >> 8) as f32 * (1.0 / 16_777_216.0)
     }
 
     /// By how much a ray's parameter grows per unit along each axis; finite.

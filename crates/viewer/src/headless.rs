@@ -35,6 +35,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let settings = &mut state.render_settings;
     settings.step = arguments.step.unwrap_or(settings.step);
     settings.integration = arguments.integration.unwrap_or(settings.integration);
+    settings.jitter |= arguments.jitter;
     if arguments.no_skip {
         settings.leaps = false;
         settings.termination_opacity = 1.0;

@@ -129,26 +129,26 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back.
+    /// Light along a ray, front to back, with the first sample so far into the first step.
     #[inline(always)]
-    fn march(&self, ray: &Ray, counts: &mut SampleCounts) -> PixelLight {
+    fn march(&self, ray: &Ray, first: f32, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
         let mut cell = Cell::default();
         let leaping = LeapingRay::new(frame, ray);
         let Interval { entry, exit, cut } = frame.interval(ray);
-        counts.all += ((exit - entry) / frame.step + 0.5).max(0.0) as u64;
+        counts.all += ((exit - entry) / frame.step + (1.0 - first)).max(0.0) as u64;
         let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
-        let mut along = entry + 0.5 * frame.step;
-        let mut count = 0.5;
+        let mut along = entry + first * frame.step;
+        let mut count = 0.0;
         while along < exit && sum.w <= frame.termination_opacity {
             let place = sampler.place(ray.origin + along * ray.direction);
             let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
                 // To the first sample beyond all that is known to be empty.
-                let beyond = ((leaping.leaves(place.0, empty) - entry) / frame.step).floor() + 0.5;
+                let beyond = ((leaping.leaves(place.0, empty) - entry) / frame.step).floor();
                 count = beyond.max(count + 1.0);
-                along = entry + count * frame.step;
+                along = entry + (count + first) * frame.step;
                 continue;
             }
             counts.taken += 1;
@@ -156,7 +156,7 @@ impl<'a> RayMarcher<'a> {
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
                 // A face that was cut is lit as such.
-                let normal = if count == 0.5 && cut != Vec3::ZERO { cut } else { sample.normal };
+                let normal = if count == 0.0 && cut != Vec3::ZERO { cut } else { sample.normal };
                 let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
                 sum += (1.0 - sum.w) * opacity * color.extend(1.0);
                 if depth.is_nan() && sum.w >= 0.5 {
@@ -165,7 +165,7 @@ impl<'a> RayMarcher<'a> {
             }
             // Not a running sum, whose rounding errors would add up.
             count += 1.0;
-            along = entry + count * frame.step;
+            along = entry + (count + first) * frame.step;
         }
         PixelLight { light: sum, depth }
     }
@@ -176,7 +176,8 @@ impl<'a> RayMarcher<'a> {
 fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight]) -> SampleCounts {
     let mut counts = SampleCounts::default();
     for (x, pixel) in row.iter_mut().enumerate() {
-        *pixel = marcher.march(&marcher.frame.ray(x as u32, y), &mut counts);
+        let (ray, first) = (marcher.frame.ray(x as u32, y), marcher.frame.first_sample(x as u32, y));
+        *pixel = marcher.march(&ray, first, &mut counts);
     }
     counts
 }

@@ -36,7 +36,7 @@ pub struct Uniforms {
     padding_after_last_voxel: i32,
     image_size: [f32; 2],
     plane_count: u32,
-    padding_after_plane_count: u32,
+    jitter: u32,
     planes: [[f32; 4]; MOST_PLANES],
 }
 
@@ -72,7 +72,7 @@ impl From<&Frame> for Uniforms {
             padding_after_last_voxel: 0,
             image_size: frame.image_size.map(|side| side as f32),
             plane_count: frame.plane_count,
-            padding_after_plane_count: 0,
+            jitter: u32::from(frame.jitter),
             planes: frame.planes.map(|plane| plane.to_array()),
         }
     }
@@ -135,7 +135,7 @@ mod tests {
             padding_after_last_voxel,
             image_size,
             plane_count,
-            padding_after_plane_count,
+            jitter,
             planes,
         );
         assert_eq!(found.as_slice(), expected);

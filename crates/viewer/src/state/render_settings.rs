@@ -25,6 +25,8 @@ pub struct RenderSettings {
     pub step: f32,
     /// How samples stand for steps.
     pub integration: Integration,
+    /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and not as rings.
+    pub jitter: bool,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],
     /// Whether rays leap over space in which nothing can be drawn; the picture is the same without.
@@ -44,6 +46,7 @@ impl Default for RenderSettings {
         Self {
             step: 0.25,
             integration: Integration::default(),
+            jitter: false,
             background: [0.0; 3],
             leaps: true,
             light: Light::default(),

@@ -32,6 +32,8 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
         color_row(ui, "background", &mut settings.background);
     });
     ui.checkbox(&mut settings.light.follows_camera, "light follows the camera");
+    let jitter = ui.checkbox(&mut settings.jitter, "jittered steps");
+    jitter.on_hover_text("Rays begin at places of their own: what long steps miss shows as grain, not as rings");
     let mut integrates = settings.integration == Integration::Preintegrated;
     let checkbox = ui.checkbox(&mut integrates, "opacity integrated along steps");
     if checkbox.on_hover_text("No boundary is missed between two samples; without, steps have to be short").changed() {

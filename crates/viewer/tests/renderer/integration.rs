@@ -1,5 +1,7 @@
 //! Opacity integrated along steps needs far fewer of them.
 
+use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip};
+use voxrole_viewer::Picture;
 use voxrole_viewer::bench::{Row, measure};
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::state::{Camera, Integration};
@@ -45,5 +47,49 @@ fn both_ways_come_to_the_same_picture() {
             pictures[0].pixels.iter().zip(&pictures[1].pixels).map(|(a, b)| (a.light - b.light).length_squared()).sum();
         let difference = (squares / (4 * 40 * 40) as f32).sqrt();
         assert!(difference < 0.25 / 255.0, "{emphasis}: {difference}");
+    }
+}
+
+#[test]
+fn jitter_makes_grain_of_rings_and_no_more_of_it() {
+    let phantom = Phantom::ball();
+    let volume = phantom.texels();
+    let mut state = phantom.state(Camera::default());
+    state.transfer_function.emphasis = "concave,1,3,7".parse().expect("an emphasis");
+    state.render_settings.image_size = [64, 64];
+    state.render_settings.integration = Integration::PostClassified;
+    let mut draw = |step, jitter| {
+        (state.render_settings.step, state.render_settings.jitter) = (step, jitter);
+        draw_on_cpu(&volume, &state)
+    };
+    let truth = draw(1.0 / 32.0, false);
+    let [rings, grain] = [false, true].map(|jitter| draw(1.0, jitter));
+    let [of_rings, of_grain] = [&rings, &grain].map(|picture| difference(picture, &truth).0);
+    assert!(of_grain < 1.25 * of_rings && of_grain > 0.5 * of_rings, "{of_rings} {of_grain}");
+    // Averaged over blocks of pixels the grain is gone, and rings are not.
+    let mean = |picture: &Picture, x: u32, y: u32| -> f64 {
+        let pixels = (0..64).map(|pixel| picture.pixel(8 * x + pixel % 8, 8 * y + pixel / 8)[0]);
+        pixels.map(f64::from).sum::<f64>() / 64.0
+    };
+    let off = |picture: &Picture| -> f64 {
+        let blocks = (0..64).map(|block| (block % 8, block / 8));
+        blocks.map(|(x, y)| (mean(picture, x, y) - mean(&truth, x, y)).powi(2)).sum()
+    };
+    assert!(off(&grain) < 0.5 * off(&rings), "{} {}", off(&grain), off(&rings));
+    // Short steps need none.
+    assert!(difference(&draw(1.0 / 16.0, true), &truth).0 < 0.1);
+}
+
+#[test]
+fn gpu_and_cpu_jitter_alike() {
+    let Some(gpu) = gpu_or_skip("gpu_and_cpu_jitter_alike") else { return };
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    let mut state = phantom.state(Camera::default());
+    state.render_settings.jitter = true;
+    state.render_settings.step = 1.0;
+    for leaps in [true, false] {
+        state.render_settings.leaps = leaps;
+        assert_same("jittered", &draw_on_cpu(&volume, &state), &draw_on_gpu(&gpu, &volume, &state));
     }
 }

@@ -30,6 +30,7 @@ fn scenes() -> Vec<(Phantom, ViewState)> {
         for (camera, emphasis) in cameras.into_iter().zip([THIN, BoundaryEmphasis::default(), THIN, THIN]) {
             let mut state = phantom.state(camera);
             state.transfer_function.emphasis = emphasis.into();
+            state.render_settings.jitter = camera.zoom > 1.0;
             // Not all of the value's range, so that values count, too.
             state.transfer_function.regions[0].value[0] += 1.0;
             scenes.push((phantom.clone(), state));

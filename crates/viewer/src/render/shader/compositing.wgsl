@@ -1,42 +1,48 @@
 // Front-to-back compositing along a ray: the twin of reference/mod.rs.
 
-// Light along a ray: colour premultiplied by opacity, and opacity.
-fn march(ray: Ray) -> vec4<f32> {
+// Where in the first step of a pixel's ray the first sample lies: R2, a sequence whose neighbours differ much.
+fn first_sample(pixel: vec2<u32>) -> f32 {
+    let place = pixel.x * 3242174889u + pixel.y * 2447445414u;
+    return select(0.5, f32(place >> 8u) / 16777216.0, frame.jitter != 0u);
+}
+
+// Light along a ray, with the first sample so far into the first step: colour premultiplied by opacity, and opacity.
+fn march(ray: Ray, first: f32) -> vec4<f32> {
     let inverse = inverse_direction(ray);
     let interval = drawn_interval(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
     var sum = vec4<f32>(0.0);
-    var count = 0.5;
-    var along = interval.entry + 0.5 * frame.step;
+    var count = 0.0;
+    var along = interval.entry + first * frame.step;
     while along < interval.exit && sum.a <= frame.termination_opacity {
         let place = place_at(ray.origin + along * ray.direction);
         let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
         if empty > 0 {
             // To the first sample beyond all that is known to be empty.
-            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.entry) / frame.step) + 0.5;
+            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.entry) / frame.step);
             count = max(beyond, count + 1.0);
-            along = interval.entry + count * frame.step;
+            along = interval.entry + (count + first) * frame.step;
             continue;
         }
         let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let opacity = correct_opacity(role.opacity);
             // A face that was cut is lit as such.
-            let is_on_cut = count == 0.5 && any(interval.cut != vec3<f32>(0.0));
+            let is_on_cut = count == 0.0 && any(interval.cut != vec3<f32>(0.0));
             let color = shade(role.color, select(role.normal, interval.cut, is_on_cut), -ray.direction);
             sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;
-        along = interval.entry + count * frame.step;
+        along = interval.entry + (count + first) * frame.step;
     }
     return sum;
 }
 
 @fragment
 fn fragment_main(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let light = march(pixel_ray(position.xy));
+    let light = march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)));
     let color = light.rgb + (1.0 - light.a) * frame.background;
     return vec4<f32>(clamp(color, vec3<f32>(0.0), vec3<f32>(1.0)), 1.0);
 }

@@ -31,7 +31,7 @@ struct Uniforms {
     padding_after_last_voxel: i32,
     image_size: vec2<f32>,
     plane_count: u32,
-    padding_after_plane_count: u32,
+    jitter: u32,
     // Those that cut: unit normal, and the largest product with it that is drawn.
     planes: array<vec4<f32>, MOST_PLANES>,
 }
