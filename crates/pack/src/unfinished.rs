@@ -180,7 +180,7 @@ impl std::fmt::Debug for PackerDebug {
 }
 
 impl Unfinished {
-    /// Goes on where the last run with the same head was stopped; begins anew where there was none, or where it had finished no
+    /// Goes on where the last run of the same task and blocks was stopped; begins anew where there was none, or where it had finished no
     /// block.
     ///
     /// # Errors
@@ -189,7 +189,7 @@ impl Unfinished {
         let io = |action: &str| Error::io(format!("{action} {}", claim.path.display()));
         let mut file = claim.file.try_clone().map_err(io("opening"))?;
         let (records, position) = match read_content(&mut file).map_err(io("reading"))? {
-            Some(found) if found.head == *head => (found.records, found.end),
+            Some(found) if found.head.is_of(head) => (found.records, found.end),
             Some(Content { records, .. }) if !records.is_empty() => {
                 return Err(Error::Parameter(format!(
                     "{}: holds {} finished blocks of a run on another input, with other settings, or with more memory: finish \
@@ -349,6 +349,11 @@ pub struct Head {
 }
 
 impl Head {
+    /// Whether blocks of the one are blocks of the other; the file that they were made from may be another with the same numbers.
+    fn is_of(&self, other: &Self) -> bool {
+        (self.task, self.block) == (other.task, other.block)
+    }
+
     fn to_bytes(&self) -> Vec<u8> {
         let edges = self.block.map(u32::to_le_bytes).concat();
         let count = (self.findings.len() as u32).to_le_bytes();

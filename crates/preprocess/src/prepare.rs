@@ -117,7 +117,9 @@ fn run(
     let dims = source.dims();
     let voxels: usize = dims.iter().product();
     let memory = memory.saturating_sub(source.resident_bytes());
-    let at_once = fits_at_once(voxels, source.scalar_type(), settings, memory);
+    // What is kept is gone on with, or is another run's and not to be lost.
+    let kept = claim.head();
+    let at_once = kept.is_none() && fits_at_once(voxels, source.scalar_type(), settings, memory);
     if !at_once {
         // Refused before hours of reading, as far as it is known by now what a block takes.
         let least = settings.cheapest();
@@ -126,7 +128,6 @@ fn run(
         BlockPlan::new(dims, reach, cost, memory).map_err(|least| too_little(memory, "at least ", least))?;
     }
     progress.begin("looking at the volume", 1);
-    let kept = claim.head();
     let known = source.identity().zip(kept.as_ref()).filter(|(input, kept)| kept.input == *input);
     let Findings { scan, noise } = match known.and_then(|(_, kept)| Findings::new(&kept.findings, dims)) {
         Some(findings) => findings,
@@ -170,8 +171,8 @@ fn run(
 /// A warning where a volume that is not the same everywhere has no boundary at all.
 fn nothing_found(counts: &Counts, varies: bool) -> Option<String> {
     (counts.hits == 0 && varies && counts.masked < counts.voxels).then(|| {
-        "no voxel has a boundary: the volume's own steps may have been taken for noise, as those of a mask of 0 and 1 are; \
-         give --noise-floor 0, or --method auto, which smooths such volumes"
+        "no voxel has a boundary: the volume's own steps may have been taken for noise, as those of a mask of 0 and 1 are: give \
+         --noise-floor 0"
             .into()
     })
 }

@@ -179,6 +179,10 @@ fn a_stopped_run_goes_on_where_it_was() {
         let refused = run(&other, &Silent).expect("not stopped").expect_err("work would be lost").to_string();
         assert!(refused.contains("blocks.vxr.unfinished: holds"), "{refused}");
     }
+    // Nor is it lost where everything would fit into memory by now.
+    let other = Settings { d_max: 14.0, ..settings };
+    let refused = prepare(&grid, &other, &path, &Silent).expect_err("work would be lost").to_string();
+    assert!(refused.contains("blocks.vxr.unfinished: holds"), "{refused}");
     // The blocks of less memory will do.
     let more = memory + 8 * MIB;
     let report = prepare_source(Source::from(&grid), &settings, more, &path, &Silent).expect("prepares");

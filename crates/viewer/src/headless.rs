@@ -61,7 +61,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     }
     let rgba = &drawn.picture.rgba;
     if rgba.chunks_exact(4).all(|pixel| pixel == &rgba[..4]) {
-        tell("voxrole-view: nothing is visible: no boundary that the camera sees lies in any region");
+        tell(
+            "voxrole-view: nothing is visible: no boundary that the camera sees lies in any region or on the curve, or all is cut away",
+        );
     }
     Ok(())
 }
@@ -88,7 +90,10 @@ impl<'a> Outputs<'a> {
         ensure!(!is_animation || *bits == Bits::Eight, "{}: animations have 8 bits a channel", output.display());
         if let Some(path) = depth {
             ensure!(is_named(path, "npy"), "{}: what is written is npy; name it so", path.display());
-            ensure!(frames.is_none(), "--depth is that of one picture: leave --frames out");
+            ensure!(frames.is_none() && !is_animation, "--depth is that of one picture: draw one, without --frames");
+        }
+        if let Some(path) = save_session {
+            ensure!(is_named(path, "toml"), "{}: what is written is toml; name it so", path.display());
         }
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
         let outputs = Self {
@@ -119,7 +124,7 @@ impl<'a> Outputs<'a> {
         (0..self.frames).map(|frame| output.with_file_name(format!("{stem}-{frame:0digits$}.png"))).collect()
     }
 
-    /// Draws everything and writes it; returns the last picture, and the seconds that drawing took.
+    /// Draws everything and writes it; returns the last picture, with the samples of all, and the seconds that drawing took.
     fn write(
         &self,
         drawing: &mut Drawing<'_>,
@@ -129,13 +134,16 @@ impl<'a> Outputs<'a> {
         let RenderArgs { output, bits, depth, transparent, .. } = self.arguments;
         let background = (!transparent).then(|| glam::Vec3::from_array(state.render_settings.background));
         let mut pictures = Vec::new();
-        let (mut last, mut seconds) = (None, 0.0);
+        let (mut last, mut seconds, mut samples) = (None, 0.0, None::<SampleCounts>);
         for (frame, path) in (0..self.frames).zip(self.paths().into_iter().map(Some).chain(std::iter::repeat(None))) {
             let mut camera = state.camera;
             camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
             let start = Instant::now();
             let mut drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera })?;
             seconds += start.elapsed().as_secs_f64();
+            if let Some(taken) = drawn.samples {
+                samples = Some(samples.unwrap_or_default().plus(taken));
+            }
             if let (true, Some(light)) = (*transparent, &drawn.light) {
                 drawn.picture = light.picture(None);
             }
@@ -153,7 +161,7 @@ impl<'a> Outputs<'a> {
         if self.is_animation {
             write(output, &to_apng(&pictures, PER_SECOND)?)?;
         }
-        let drawn = last.context("no picture was asked for")?;
+        let drawn = Drawn { samples, ..last.context("no picture was asked for")? };
         if let (Some(path), Some(light)) = (depth, &drawn.light) {
             write(path, &light.depth_npy(smallest_spacing))?;
         }

@@ -49,7 +49,9 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let work = |task: &Task| {
         if args.skip_existing && task.output.exists() {
             // What cannot be opened was not finished by this program.
-            return super::open(&task.output).map(|_| Done::Skipped);
+            let opened =
+                super::open(&task.output).context("--skip-existing takes this for finished: delete it if it is not");
+            return opened.map(|_| Done::Skipped);
         }
         pool.install(|| {
             let progress = terminal.progress(&task.input);

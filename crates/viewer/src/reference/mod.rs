@@ -25,6 +25,9 @@ use shading::shade;
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
 
+/// What lies this close behind a plane that cuts, in multiples of `L_min`, is lit as the plane is.
+const FACE_DEPTH: f32 = 0.5;
+
 /// Draws one state of one volume.
 pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
@@ -51,7 +54,9 @@ impl SampleCounts {
         if self.all > 0 { 1.0 - self.taken as f64 / self.all as f64 } else { 0.0 }
     }
 
-    fn plus(self, other: Self) -> Self {
+    /// Of both.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
         Self { taken: self.taken + other.taken, all: self.all + other.all }
     }
 }
@@ -155,8 +160,9 @@ impl<'a> RayMarcher<'a> {
             let sample = sampler.sample(place, ray.direction, &mut cell);
             if sample.opacity > 0.0 {
                 let opacity = correct_opacity(sample.opacity, frame.step);
-                // A face that was cut is lit as such.
-                let normal = if count == 0.0 && cut != Vec3::ZERO { cut } else { sample.normal };
+                // A face that was cut is lit as such, to a depth that does not depend on the step.
+                let is_on_face = count == 0.0 || along - entry <= FACE_DEPTH;
+                let normal = if is_on_face && cut != Vec3::ZERO { cut } else { sample.normal };
                 let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
                 sum += (1.0 - sum.w) * opacity * color.extend(1.0);
                 if depth.is_nan() && sum.w >= 0.5 {

@@ -1,6 +1,8 @@
 //! What the user set, as a file: TOML, in which regions, emphases and cuts are written as they are typed.
 
-use super::{ClipPlane, Crop, Curve, ParseError, Region, TwoSidedEmphasis, ViewState};
+use super::{Camera, ClipPlane, Clipping, Crop, Curve, ParseError, Region, TwoSidedEmphasis, ViewState};
+use crate::frame::Frame;
+use crate::reference::MAX_IMAGE_SIDE;
 
 impl ViewState {
     /// The file's text.
@@ -19,7 +21,48 @@ impl ViewState {
     /// # Errors
     /// [`ParseError`] with the line of what is not understood.
     pub fn from_toml(text: &str) -> Result<Self, ParseError> {
-        toml::from_str(text).map_err(|error| ParseError(error.to_string().trim_end().to_owned()))
+        let state: Self = toml::from_str(text).map_err(|error| ParseError(error.to_string().trim_end().to_owned()))?;
+        state.check()?;
+        Ok(state)
+    }
+
+    /// Makes sure that all numbers are what the window and the command line would let them be.
+    fn check(&self) -> Result<(), ParseError> {
+        let Self { camera, render_settings: settings, clipping, .. } = self;
+        let (shading, light) = (settings.shading, settings.light);
+        let any = [f32::MIN, f32::MAX];
+        let mut numbers = vec![
+            ("camera: azimuth", camera.azimuth, any),
+            ("camera: elevation", camera.elevation, [-90.0, 90.0]),
+            ("camera: roll", camera.roll, any),
+            ("camera: zoom", camera.zoom, Camera::ZOOM_RANGE),
+            ("camera: field_of_view", camera.field_of_view, Camera::FIELD_OF_VIEW_RANGE),
+            ("step", settings.step, Frame::STEP_RANGE),
+            ("termination_opacity", settings.termination_opacity, [0.0, 1.0]),
+            ("ambient", shading.ambient, [0.0, 1.0]),
+            ("diffuse", shading.diffuse, [0.0, 1.0]),
+            ("specular", shading.specular, [0.0, 1.0]),
+            ("light: azimuth", light.azimuth, any),
+            ("light: elevation", light.elevation, any),
+        ];
+        numbers.extend(camera.pan.map(|pan| ("camera: pan", pan, [-100.0, 100.0])));
+        numbers.extend(settings.background.map(|channel| ("background", channel, [0.0, 1.0])));
+        for (name, number, [low, high]) in numbers {
+            if !(low..=high).contains(&number) {
+                return Err(ParseError(format!("{name} = {number} is not between {low} and {high}")));
+            }
+        }
+        if settings.image_size.iter().any(|side| !(1..=MAX_IMAGE_SIDE).contains(side)) {
+            return Err(ParseError(format!(
+                "image_size = {:?}: sides are from 1 to {MAX_IMAGE_SIDE}",
+                settings.image_size
+            )));
+        }
+        if clipping.planes.len() > Clipping::MOST_PLANES {
+            let (found, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
+            return Err(ParseError(format!("planes: expected {most} at most, found {found}")));
+        }
+        Ok(())
     }
 }
 
@@ -47,7 +90,7 @@ written_as_typed!(ClipPlane, Crop, Curve, Region, TwoSidedEmphasis);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::{Camera, Integration, Projection};
+    use crate::state::{Integration, Projection};
 
     #[test]
     fn everything_survives_the_round_trip() {
@@ -84,6 +127,11 @@ mod tests {
             ("[transfer_function]\nregions = [\"1:2,3:4\"]\n", "is not [SHAPE,]v0:v1"),
             ("[camera]\nazimuth = \"left\"\n", "line 2"),
             ("camera", "line 1"),
+            ("[camera]\nzoom = 0\n", "zoom = 0 is not between"),
+            ("[camera]\nazimuth = nan\n", "azimuth = NaN"),
+            ("[render_settings]\nstep = -1\n", "step = -1"),
+            ("[render_settings]\nimage_size = [0, 5]\n", "image_size"),
+            ("[clipping]\nplanes = [\"0,0\", \"0,0\", \"0,0\", \"0,0\", \"0,0\"]\n", "4 at most"),
         ] {
             let message = ViewState::from_toml(text).expect_err(text).to_string();
             assert!(message.contains(expected), "{message}");

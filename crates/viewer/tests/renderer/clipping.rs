@@ -3,6 +3,7 @@
 use glam::Vec3;
 use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip};
 use voxrole_viewer::ViewState;
+use voxrole_viewer::bench::measure;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::reference::shading::shade;
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, ClipPlane, EmphasisKind};
@@ -112,5 +113,16 @@ fn gpu_and_cpu_cut_alike() {
     for state in cut_states(&phantom) {
         let name = format!("{} {:?}", state.clipping.crop, state.clipping.planes);
         assert_same(&name, &draw_on_cpu(&volume, &state), &draw_on_gpu(&gpu, &volume, &state));
+    }
+}
+
+#[test]
+fn cut_faces_look_the_same_at_every_step() {
+    let phantom = Phantom::concentric_shells();
+    let mut state = phantom.state(Camera::default());
+    state.render_settings.image_size = [40, 40];
+    state.clipping.planes = vec![plane(30.0, 10.0, 0.1)];
+    for row in measure(&phantom.texels(), &state).expect("something is visible") {
+        assert!(row.step > 0.5 || row.largest <= 4, "{row:?}");
     }
 }

@@ -6,6 +6,9 @@ fn first_sample(pixel: vec2<u32>) -> f32 {
     return select(0.5, f32(place >> 8u) / 16777216.0, frame.jitter != 0u);
 }
 
+// What lies this close behind a plane that cuts is lit as the plane is.
+const FACE_DEPTH: f32 = 0.5;
+
 // Light along a ray, with the first sample so far into the first step: colour premultiplied by opacity, and opacity.
 fn march(ray: Ray, first: f32) -> vec4<f32> {
     let inverse = inverse_direction(ray);
@@ -28,8 +31,8 @@ fn march(ray: Ray, first: f32) -> vec4<f32> {
         let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let opacity = correct_opacity(role.opacity);
-            // A face that was cut is lit as such.
-            let is_on_cut = count == 0.0 && any(interval.cut != vec3<f32>(0.0));
+            // A face that was cut is lit as such, to a depth that does not depend on the step.
+            let is_on_cut = (count == 0.0 || along - interval.entry <= FACE_DEPTH) && any(interval.cut != vec3<f32>(0.0));
             let color = shade(role.color, select(role.normal, interval.cut, is_on_cut), -ray.direction);
             sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
         }
