@@ -2,7 +2,6 @@
 
 use std::fmt::Write;
 use std::fs;
-use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, ensure};
@@ -11,7 +10,7 @@ use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::plot::{AxisScale, Chart, ChartAxis, Line, Point, Series, SeriesStyle, chart_png, chart_svg};
 
 use crate::args::BenchArgs;
-use crate::headless::state;
+use crate::headless::{state, write};
 use crate::open::open_or_prepare;
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::state::{Integration, ViewState};
@@ -169,8 +168,4 @@ fn chart(rows: &[Row], title: &str, subtitle: &str, x: &str, place: impl Fn(&Row
         y: axis("root-mean-square error [1/255]"),
         series: series.collect(),
     }
-}
-
-fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Context;
-use voxrole_pack::{HistogramKind, Reader, atomic_file};
+use voxrole_pack::{HistogramKind, Reader};
 use voxrole_preprocess::console::print;
 use voxrole_preprocess::fields::{Field, read_field};
 use voxrole_preprocess::io::read_volume;
@@ -15,7 +15,7 @@ use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_preprocess::{Grid, prepare};
 
 use crate::args::DemoArgs;
-use crate::headless;
+use crate::headless::{self, write};
 
 /// Edge of the demo's own phantom, in voxels.
 const PHANTOM_EDGE: u32 = 128;
@@ -98,10 +98,6 @@ fn slices(reader: &Reader, folder: &Path) -> anyhow::Result<()> {
         write(&folder.join(format!("slice-{name}.png")), &picture)?;
     }
     Ok(())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
 }
 
 /// A line per stage.

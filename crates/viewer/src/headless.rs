@@ -135,7 +135,8 @@ impl<'a> Outputs<'a> {
         let background = (!transparent).then(|| glam::Vec3::from_array(state.render_settings.background));
         let mut pictures = Vec::new();
         let (mut last, mut seconds, mut samples) = (None, 0.0, None::<SampleCounts>);
-        for (frame, path) in (0..self.frames).zip(self.paths().into_iter().map(Some).chain(std::iter::repeat(None))) {
+        let paths = self.paths();
+        for frame in 0..self.frames {
             let mut camera = state.camera;
             camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
             let start = Instant::now();
@@ -149,12 +150,12 @@ impl<'a> Outputs<'a> {
             }
             if self.is_animation {
                 pictures.push(drawn.picture.clone());
-            } else if let Some(path) = path {
+            } else {
                 let png = match &drawn.light {
                     Some(light) if *bits == Bits::Sixteen => light.to_deep_png(background)?,
                     _ => drawn.picture.to_png()?,
                 };
-                write(&path, &png)?;
+                write(&paths[frame as usize], &png)?;
             }
             last = Some(drawn);
         }
@@ -169,7 +170,8 @@ impl<'a> Outputs<'a> {
     }
 }
 
-fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+/// Writes a file, which appears under its name when it is complete; errors name it.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
 }
 

@@ -26,7 +26,7 @@ use shading::shade;
 pub const MAX_IMAGE_SIDE: u32 = 16384;
 
 /// What lies this close behind a plane that cuts, in multiples of `L_min`, is lit as the plane is.
-const FACE_DEPTH: f32 = 0.5;
+pub(crate) const FACE_DEPTH: f32 = 0.5;
 
 /// Draws one state of one volume.
 pub struct RayMarcher<'a> {

@@ -8,7 +8,8 @@ pub enum Shape {
     Box,
     /// The ellipse that touches its sides.
     Ellipse,
-    /// From a point in the middle of its lower side to its upper corners: the widget of Kindlmann and Kniss.
+    /// From a point in the middle of its lower side to its upper corners: the triangular
+    /// widget of Kniss, Kindlmann and Hansen, Multidimensional transfer functions for interactive volume rendering, 2002.
     Triangle,
     /// Any outline of at least three corners, which may cross itself: inside is what it winds around an odd number of times.
     Polygon(Vec<[f32; 2]>),

@@ -21,6 +21,7 @@ mod tests {
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::frame::MOST_PLANES;
+    use crate::reference::FACE_DEPTH;
 
     const CHUNKS: [(&str, &str); 7] = [
         ("view", include_str!("view.wgsl")),
@@ -54,6 +55,7 @@ mod tests {
         assert!(SOURCE.contains(&format!("const SHORTEST: f32 = {SHORTEST};")));
         assert!(SOURCE.contains(&format!("const INTERVALS: f32 = {INTERVALS:?}.0;")));
         assert!(SOURCE.contains(&format!("const MOST_PLANES: u32 = {MOST_PLANES}u;")));
+        assert!(SOURCE.contains(&format!("const FACE_DEPTH: f32 = {FACE_DEPTH:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
