@@ -1,5 +1,7 @@
 //! Drawing the same state on the CPU and the GPU, and how far two pictures are apart: all thresholds of image tests.
 
+use std::sync::Arc;
+
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::{Error, Gpu, Picture, Renderer, Target, ViewState, VolumeTexels};
 
@@ -48,9 +50,24 @@ pub fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> Picture {
 /// When that fails.
 #[must_use]
 pub fn draw_on_gpu(gpu: &Gpu, volume: &VolumeTexels, state: &ViewState) -> Picture {
+    draw_with_budget(gpu, &Arc::new(volume.clone()), state, None).0
+}
+
+/// Draws on the GPU, of whose memory the volume takes `budget` bytes at most; says how many bricks were uploaded, if any.
+///
+/// # Panics
+/// When that fails.
+#[must_use]
+pub fn draw_with_budget(
+    gpu: &Gpu,
+    volume: &Arc<VolumeTexels>,
+    state: &ViewState,
+    budget: Option<u64>,
+) -> (Picture, Option<u64>) {
     let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
-    Renderer::new(gpu, volume).expect("a renderer").draw(state, &target);
-    target.read_back(gpu).expect("a picture")
+    let mut renderer = Renderer::new(gpu, volume, budget).expect("a renderer");
+    renderer.draw(state, &target).expect("draws");
+    (target.read_back(gpu).expect("a picture"), renderer.bricks_uploaded())
 }
 
 /// Root-mean-square difference of the worst channel, and the largest difference of any.

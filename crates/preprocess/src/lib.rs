@@ -10,6 +10,7 @@ pub mod block_plan;
 pub mod blur;
 pub mod boundary;
 pub mod bspline;
+pub mod byte_size;
 pub mod central_difference;
 pub mod console;
 pub mod continuation;

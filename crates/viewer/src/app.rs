@@ -22,12 +22,13 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 /// The smallest window in which every panel still has its room, in points.
 const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 
-/// Opens a window on a volume, with what a session says, and runs it until it is closed.
+/// Opens a window on a volume, with what a session says, and runs it until it is closed. The volume takes `budget` bytes of the GPU at
+/// most.
 ///
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the
 /// message then says to use `render` instead.
-pub fn run(path: &Path, session: Option<&Path>, options: &ReadOptions) -> anyhow::Result<()> {
+pub fn run(path: &Path, session: Option<&Path>, budget: Option<u64>, options: &ReadOptions) -> anyhow::Result<()> {
     let session = session.map(read_session).transpose()?;
     let named = || path.display().to_string();
     let opened = open_or_prepare(path, options)?;
@@ -35,7 +36,7 @@ pub fn run(path: &Path, session: Option<&Path>, options: &ReadOptions) -> anyhow
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);
     // A small level is there at once; finer ones follow when the window is open.
-    let texels = VolumeTexels::read_level(reader, reader.levels() - 1).with_context(named)?;
+    let texels = Arc::new(VolumeTexels::read_level(reader, reader.levels() - 1).with_context(named)?);
     let volume = OpenedVolume::read(path, reader, &texels.description).with_context(named)?;
     let title = format!("{} - Voxrole", volume.header.source.name);
     let options = eframe::NativeOptions {
@@ -46,7 +47,7 @@ pub fn run(path: &Path, session: Option<&Path>, options: &ReadOptions) -> anyhow
     let creator = Box::new(move |creation: &eframe::CreationContext<'_>| {
         theme::apply(&creation.egui_ctx);
         let render_state = creation.wgpu_render_state.as_ref().ok_or("the window was opened without wgpu")?;
-        let mut window = ViewerWindow::new(render_state, volume, &texels)?;
+        let mut window = ViewerWindow::new(render_state, volume, &texels, budget)?;
         if let Some(session) = session {
             window.open_session(session);
         }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use voxrole_preprocess::byte_size::byte_size;
 use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::frame::Frame;
@@ -23,6 +24,10 @@ pub struct Cli {
     /// Session to open the window with.
     #[arg(long, value_name = "FILE.toml")]
     pub session: Option<PathBuf>,
+    /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
+    /// [default: what the GPU has].
+    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
+    pub gpu_memory: Option<u64>,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -84,6 +89,10 @@ pub struct RenderArgs {
     /// What a sample says of the step that it stands for [default: pre].
     #[arg(long, value_enum)]
     pub integration: Option<Integration>,
+    /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
+    /// [default: what the GPU has].
+    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
+    pub gpu_memory: Option<u64>,
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,

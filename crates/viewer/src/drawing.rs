@@ -1,5 +1,10 @@
 //! Pictures of one volume without a window, one after another, on the GPU or the CPU.
 
+use std::sync::Arc;
+use std::time::Instant;
+
+use wgpu::PollType;
+
 use voxrole_preprocess::console::tell;
 
 use crate::reference::{RayMarcher, SampleCounts};
@@ -7,6 +12,11 @@ use crate::render::{Gpu, Renderer, Target};
 use crate::state::{Camera, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, LightPicture, Picture, Result};
+
+/// Rows that are drawn first; then as many as can be drawn in the time below.
+const FIRST_ROWS: u32 = 8;
+/// How long the device should work at a time, in seconds: drivers give up after two.
+const MOST_SECONDS: f64 = 0.25;
 
 /// What draws a volume.
 pub enum Drawing<'a> {
@@ -25,11 +35,11 @@ pub struct OnGpu {
 }
 
 impl<'a> Drawing<'a> {
-    /// On the GPU, or on the CPU where there is no adapter but the CPU; says on standard error which it is.
+    /// On the GPU, of whose memory the volume takes `budget` bytes at most, or on the CPU where there is no adapter but the CPU; says on standard error which it is.
     ///
     /// # Errors
     /// When the volume or the picture does not fit the device.
-    pub fn new(volume: &'a VolumeTexels, state: &ViewState) -> Result<Self> {
+    pub fn new(volume: &'a Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
         let gpu = match Gpu::new() {
             Ok(gpu) if gpu.is_cpu => {
                 // The same picture, in half the time.
@@ -45,7 +55,7 @@ impl<'a> Drawing<'a> {
         };
         tell(format!("voxrole-view: drawing on {}", gpu.name));
         let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let renderer = Renderer::new(&gpu, volume)?;
+        let renderer = Renderer::new(&gpu, volume, budget)?;
         Ok(Self::Gpu(Box::new(OnGpu { gpu, renderer, target, state: state.clone() })))
     }
 
@@ -72,11 +82,32 @@ impl<'a> Drawing<'a> {
             Self::Gpu(on_gpu) => {
                 let OnGpu { gpu, renderer, target, state } = &mut **on_gpu;
                 state.camera = *camera;
-                renderer.draw(state, target);
+                draw_in_strips(gpu, renderer, state, target)?;
                 Ok(Drawn { picture: target.read_back(gpu)?, light: None, samples: None })
             }
         }
     }
+}
+
+/// Draws a few rows after another, so that no work of the device's takes so long that its driver gives it up.
+fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target: &Target) -> Result<()> {
+    let [_, height] = target.size();
+    let (mut row, mut rows) = (0, FIRST_ROWS);
+    while row < height {
+        let start = Instant::now();
+        let end = height.min(row + rows);
+        renderer.draw_rows(state, target, row..end)?;
+        let waited = gpu.device.poll(PollType::wait_indefinitely());
+        waited.map_err(|error| gpu.error("drawing the picture", &error))?;
+        let seconds = start.elapsed().as_secs_f64();
+        if seconds > MOST_SECONDS {
+            rows = (rows / 4).max(1);
+        } else if seconds < 0.25 * MOST_SECONDS {
+            rows = rows.saturating_mul(2);
+        }
+        row = end;
+    }
+    Ok(())
 }
 
 /// A picture, and on the CPU what it was made of.

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
@@ -44,10 +45,11 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         write(path, state.to_toml()?.as_bytes())?;
     }
     let start = Instant::now();
-    let volume = VolumeTexels::read_level(reader, arguments.view.level).with_context(named)?;
+    let volume = Arc::new(VolumeTexels::read_level(reader, arguments.view.level).with_context(named)?);
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.cpu || outputs.need_light;
-    let drawing = if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state) };
+    let drawing =
+        if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state, arguments.gpu_memory) };
     let mut drawing = drawing.with_context(named)?;
     let ready = start.elapsed().as_secs_f64() - reading;
     let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
@@ -182,8 +184,8 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     let mut state = ViewState::default();
     state.transfer_function.regions = proposed_regions(reader)?;
-    let volume = VolumeTexels::read(reader)?;
-    let picture = Drawing::new(&volume, &state)?.draw(&state.camera)?.picture;
+    let volume = Arc::new(VolumeTexels::read(reader)?);
+    let picture = Drawing::new(&volume, &state, None)?.draw(&state.camera)?.picture;
     write(output, &picture.to_png()?)
 }
 

@@ -58,7 +58,7 @@ fn open() -> Option<Harness<'static, ViewerWindow>> {
     let texels = texels();
     let reader = Reader::open(shells()).expect("opens");
     let volume = OpenedVolume::read(shells(), &reader, &texels.description).expect("has histograms");
-    let mut window = ViewerWindow::new(&render_state, volume, &texels).expect("fits the device");
+    let mut window = ViewerWindow::new(&render_state, volume, &Arc::new(texels), None).expect("fits the device");
     // A software adapter is four times faster at it.
     window.view.render_settings.step = 1.0;
     let mut harness = Harness::builder()
@@ -293,7 +293,7 @@ fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_una
     assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
     let gpu = Gpu::new().expect("opened before");
     let target = Target::new(&gpu, [120, 90]).expect("fits");
-    Renderer::new(&gpu, &texels()).expect("fits").draw(&view, &target);
+    Renderer::new(&gpu, &Arc::new(texels()), None).expect("fits").draw(&view, &target).expect("draws");
     let expected = target.read_back(&gpu).expect("a picture");
     assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
 }

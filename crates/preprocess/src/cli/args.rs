@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use voxrole_pack::{HistogramKind, Precision, ScalarType};
+use voxrole_preprocess::byte_size::byte_size;
 use voxrole_preprocess::differentiation::Kernel;
 use voxrole_preprocess::export::ExportFormat;
 use voxrole_preprocess::fields::Field;
@@ -129,7 +130,7 @@ pub struct PrepareArgs {
     pub jobs: u16,
     /// Memory to use at most, such as 900MiB or 8GiB, divided among the jobs; a volume that does not fit is prepared block
     /// by block [default: half of the machine's].
-    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub memory: Option<u64>,
     /// Leave out volumes whose packed file is there already, whatever its settings: to go on with several volumes where a
     /// command was interrupted.
@@ -281,28 +282,6 @@ pub struct PhantomArgs {
     /// List the phantoms.
     #[arg(long)]
     pub list: bool,
-}
-
-/// Bytes from a number and a unit.
-fn bytes(text: &str) -> Result<u64, String> {
-    let digits = text.find(|letter: char| !letter.is_ascii_digit() && letter != '.').unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let factor = match unit.trim().to_ascii_lowercase().as_str() {
-        "kib" | "k" => Some(1024.0),
-        "mib" | "m" => Some(1024.0 * 1024.0),
-        "gib" | "g" => Some(1024.0 * 1024.0 * 1024.0),
-        "tib" | "t" => Some(1024.0 * 1024.0 * 1024.0 * 1024.0),
-        "kb" => Some(1e3),
-        "mb" => Some(1e6),
-        "gb" => Some(1e9),
-        "tb" => Some(1e12),
-        _ => None,
-    };
-    let size = number.parse::<f64>().ok().zip(factor).map(|(number, factor)| number * factor);
-    // What is more than any number of bytes is as good as no limit.
-    size.filter(|size| *size >= 1.0)
-        .map(|size| size as u64)
-        .ok_or_else(|| "expected a number and a unit, such as 900MiB or 8GiB".into())
 }
 
 /// A type of number, and what stands for what in it if that is not the type's own.
@@ -573,17 +552,6 @@ mod tests {
             "voxrole phantom --list",
         ] {
             Cli::try_parse_from(line.split_whitespace()).expect(line);
-        }
-    }
-
-    #[test]
-    fn sizes_have_units() {
-        assert_eq!(bytes("64MiB"), Ok(64 << 20));
-        assert_eq!(bytes("1.5 GiB"), Ok(3 << 29));
-        assert_eq!(bytes("2g"), Ok(2 << 30));
-        assert_eq!(bytes("10MB"), Ok(10_000_000));
-        for wrong in ["", "64", "MiB", "-1GiB", "1e3MiB", "1PiB", "0GiB", "NaNMiB"] {
-            assert!(bytes(wrong).is_err(), "{wrong}");
         }
     }
 }

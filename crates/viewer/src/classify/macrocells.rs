@@ -114,6 +114,21 @@ impl Occupancy {
         &self.distances
     }
 
+    /// Whether something can be drawn in blocks of `side` macrocells along each axis, x fastest.
+    #[must_use]
+    pub fn drawn_blocks(&self, side: usize) -> Vec<bool> {
+        let [nx, ny, _] = self.dims;
+        let [width, height, depth] = self.dims.map(|dim| dim.div_ceil(side));
+        let mut blocks = vec![false; width * height * depth];
+        for (row, distances) in self.distances.chunks_exact(nx).enumerate() {
+            let first = (row / ny / side * height + row % ny / side) * width;
+            for (x, _) in distances.iter().enumerate().filter(|(_, distance)| **distance == 0) {
+                blocks[first + x / side] = true;
+            }
+        }
+        blocks
+    }
+
     /// The distance of the macrocell that a cell lies in.
     #[must_use]
     pub fn distance(&self, cell: UVec3) -> u8 {

@@ -30,6 +30,16 @@ pub struct LookupTextures {
     numbers: Vec<f32>,
     /// What the occupancy is that of, beside the table: how far boundaries reach, and whether rays leap at all.
     drawn: Option<(f32, bool)>,
+    /// Where something can be drawn; `None` where rays do not leap.
+    leaping: Option<Occupancy>,
+}
+
+/// What is another than before.
+pub struct Changes {
+    /// One of the textures, whatever it holds.
+    pub textures: bool,
+    /// Where something can be drawn.
+    pub occupancy: bool,
 }
 
 impl LookupTextures {
@@ -49,10 +59,11 @@ impl LookupTextures {
             table: None,
             numbers: Vec::new(),
             drawn: None,
+            leaping: None,
         }
     }
 
-    /// Brings the textures up to date; whether one of them is another than before.
+    /// Brings the textures up to date.
     pub fn update(
         &mut self,
         gpu: &Gpu,
@@ -60,7 +71,7 @@ impl LookupTextures {
         volume: &VolumeDescription,
         emphases: &EmphasisTable,
         frame: &Frame,
-    ) -> bool {
+    ) -> Changes {
         let rows = emphases.rows() as u32;
         let is_other = self.emphasis_table.height() != rows;
         if is_other {
@@ -86,15 +97,21 @@ impl LookupTextures {
             write(gpu, &self.emphases, bytemuck::cast_slice(table.emphases()));
         }
         let drawn = Some((frame.reach, state.render_settings.leaps));
-        if is_new || self.drawn != drawn {
-            if state.render_settings.leaps {
-                write(gpu, &self.occupancy, Occupancy::new(&self.ranges, table, frame).distances());
-            } else {
-                write(gpu, &self.occupancy, &vec![0; self.ranges.dims().iter().product()]);
+        let is_drawn_elsewhere = is_new || self.drawn != drawn;
+        if is_drawn_elsewhere {
+            self.leaping = state.render_settings.leaps.then(|| Occupancy::new(&self.ranges, table, frame));
+            match &self.leaping {
+                Some(occupancy) => write(gpu, &self.occupancy, occupancy.distances()),
+                None => write(gpu, &self.occupancy, &vec![0; self.ranges.dims().iter().product()]),
             }
             self.drawn = drawn;
         }
-        is_other
+        Changes { textures: is_other, occupancy: is_drawn_elsewhere }
+    }
+
+    /// Where something can be drawn; `None` where rays do not leap.
+    pub fn occupancy(&self) -> Option<&Occupancy> {
+        self.leaping.as_ref()
     }
 
     /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, and its integrals, as shaders read
@@ -105,12 +122,14 @@ impl LookupTextures {
     }
 }
 
-fn emphasis_texture(gpu: &Gpu, height: u32) -> Texture {
-    let size = Extent3d { width: ROW as u32, height, depth_or_array_layers: 1 };
-    texture(gpu, "emphasis table", size, TextureDimension::D2, TextureFormat::R32Float)
-}
-
-fn texture(gpu: &Gpu, label: &str, size: Extent3d, dimension: TextureDimension, format: TextureFormat) -> Texture {
+/// A texture that shaders read.
+pub(super) fn texture(
+    gpu: &Gpu,
+    label: &str,
+    size: Extent3d,
+    dimension: TextureDimension,
+    format: TextureFormat,
+) -> Texture {
     gpu.device.create_texture(&TextureDescriptor {
         label: Some(label),
         size,
@@ -123,13 +142,18 @@ fn texture(gpu: &Gpu, label: &str, size: Extent3d, dimension: TextureDimension, 
     })
 }
 
+fn emphasis_texture(gpu: &Gpu, height: u32) -> Texture {
+    let size = Extent3d { width: ROW as u32, height, depth_or_array_layers: 1 };
+    texture(gpu, "emphasis table", size, TextureDimension::D2, TextureFormat::R32Float)
+}
+
 fn preintegration_texture(gpu: &Gpu, rows: u32) -> Texture {
     let size = Extent3d { width: LEVEL as u32, height: LEVELS as u32, depth_or_array_layers: rows };
     texture(gpu, "preintegration", size, TextureDimension::D3, TextureFormat::R32Float)
 }
 
 /// Writes a whole texture.
-fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
+pub(super) fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
     let size = texture.size();
     let rows = size.height * size.depth_or_array_layers;
     let layout = TexelCopyBufferLayout {

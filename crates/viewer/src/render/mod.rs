@@ -1,5 +1,8 @@
 //! The GPU ray marcher: device and state in, picture out. The window and the picture file share it.
 
+mod bindings;
+mod brick_atlas;
+mod brick_march;
 pub mod gpu;
 mod lookup_textures;
 mod ray_march;

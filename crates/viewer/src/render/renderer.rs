@@ -1,9 +1,13 @@
 //! One renderer for the window and the picture file.
 
 use std::ops::Range;
+use std::sync::Arc;
 
-use wgpu::{BindGroup, CommandEncoderDescriptor};
+use wgpu::{BindGroup, TextureView};
 
+use super::bindings::Bindings;
+use super::brick_atlas::BrickAtlas;
+use super::brick_march::BrickMarch;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
 use super::ray_march::RayMarch;
@@ -22,26 +26,47 @@ pub struct Renderer {
     volume: VolumeDescription,
     /// αd of the last picture, which may be drawn in many parts.
     emphases: Option<(TransferFunction, EmphasisTable)>,
-    volume_textures: VolumeTextures,
     lookup_textures: LookupTextures,
-    ray_march: RayMarch,
+    bindings: Bindings,
     bind_group: BindGroup,
+    passes: Passes,
+}
+
+/// What of the volume is there, and how it is drawn.
+enum Passes {
+    Whole([TextureView; 2], RayMarch),
+    Bricks(Box<(BrickAtlas, BrickMarch)>),
+}
+
+impl Passes {
+    /// What a shader reads of the volume.
+    fn views(&self) -> [TextureView; 2] {
+        match self {
+            Self::Whole(views, _) => views.clone(),
+            Self::Bricks(bricks) => bricks.0.views(),
+        }
+    }
 }
 
 impl Renderer {
-    /// Uploads a volume and compiles the shaders. The texels are no longer needed afterwards.
+    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes, or than the device
+    /// has, stays where it is, and bricks of it are uploaded when they are to be seen; others are no longer needed afterwards.
     ///
     /// # Errors
-    /// [`crate::Error::VolumeTooLarge`] when the volume does not fit the device, [`crate::Error::Device`] when the
-    /// device refuses the shaders.
-    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
-        let volume_textures = VolumeTextures::new(gpu, volume)?;
+    /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the device
+    /// refuses the shaders.
+    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
+        let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
         gpu.checked("preparing to draw", || {
             let lookup_textures = LookupTextures::new(gpu, volume);
-            let ray_march = RayMarch::new(gpu);
-            let bind_group = ray_march.bind(gpu, volume_textures.view(), &lookup_textures);
+            let bindings = Bindings::new(gpu);
+            let passes = match volume_textures {
+                VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
+                VolumeTextures::Bricks(atlas) => Passes::Bricks(Box::new((atlas, BrickMarch::new(gpu, &bindings)))),
+            };
+            let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures);
             let volume = volume.description.clone();
-            Self { gpu: gpu.clone(), volume, emphases: None, volume_textures, lookup_textures, ray_march, bind_group }
+            Self { gpu: gpu.clone(), volume, emphases: None, lookup_textures, bindings, bind_group, passes }
         })
     }
 
@@ -57,30 +82,59 @@ impl Renderer {
         self.volume.level
     }
 
+    /// How many bricks were brought to the device so far, where there is no room for all of the volume.
+    #[must_use]
+    pub fn bricks_uploaded(&self) -> Option<u64> {
+        match &self.passes {
+            Passes::Whole(..) => None,
+            Passes::Bricks(bricks) => Some(bricks.0.uploads()),
+        }
+    }
+
     /// Draws the volume over the whole target. Returns before the device has finished.
-    pub fn draw(&mut self, state: &ViewState, target: &Target) {
+    ///
+    /// # Errors
+    /// As [`Self::draw_rows`].
+    pub fn draw(&mut self, state: &ViewState, target: &Target) -> Result<()> {
         let [_, height] = target.size();
-        self.draw_rows(state, target, 0..height);
+        self.draw_rows(state, target, 0..height)
     }
 
     /// Draws some rows of the target, counted from the top, and leaves the others as they are, so that a window can
-    /// draw a slow picture in parts. Returns before the device has finished.
+    /// draw a slow picture in parts. May return before the device has finished.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device is lost while bricks are brought to it.
     ///
     /// # Panics
     /// When `rows` reach beyond the target.
-    pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) {
+    pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) -> Result<()> {
+        let [_, height] = target.size();
+        assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let gpu = &self.gpu;
         let kept = self.emphases.take().filter(|(of, _)| *of == state.transfer_function);
         let (_, emphases) = self.emphases.insert(
             kept.unwrap_or_else(|| (state.transfer_function.clone(), EmphasisTable::new(&state.transfer_function))),
         );
         let frame = Frame::new(state, &self.volume, emphases, target.size());
-        if self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame) {
-            self.bind_group = self.ray_march.bind(gpu, self.volume_textures.view(), &self.lookup_textures);
+        let changes = self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame);
+        if changes.textures {
+            self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures);
         }
-        self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));
-        let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("picture") });
-        self.ray_march.record(&mut encoder, &self.bind_group, target, rows);
-        gpu.queue.submit([encoder.finish()]);
+        let uniforms = Uniforms::from(&frame);
+        match &mut self.passes {
+            Passes::Whole(_, march) => {
+                self.bindings.set_uniforms(gpu, &uniforms);
+                march.draw_rows(gpu, &self.bind_group, target, rows);
+                Ok(())
+            }
+            Passes::Bricks(bricks) => {
+                let (atlas, march) = &mut **bricks;
+                if changes.occupancy {
+                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame);
+                }
+                march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, rows)
+            }
+        }
     }
 }

@@ -65,49 +65,58 @@ impl Target {
     /// # Errors
     /// [`Error::Device`] when the device is lost or its memory does not suffice.
     pub fn read_back(&self, gpu: &Gpu) -> Result<Picture> {
-        const ACTION: &str = "reading the picture back";
         let [width, height] = self.size();
-        let row_bytes = width * 4;
-        let padded_row_bytes = row_bytes.next_multiple_of(COPY_BYTES_PER_ROW_ALIGNMENT);
-        let buffer = gpu.checked(ACTION, || self.copy_to_buffer(gpu, padded_row_bytes))?;
-
-        let (sender, receiver) = mpsc::channel();
-        buffer.map_async(MapMode::Read, .., move |mapped| {
-            // A receiver that is gone has already reported why.
-            let _ = sender.send(mapped);
-        });
-        gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| gpu.error(ACTION, &error))?;
-        receiver.recv().map_err(|error| gpu.error(ACTION, &error))?.map_err(|error| gpu.error(ACTION, &error))?;
-        let mapped = buffer.get_mapped_range(..).map_err(|error| gpu.error(ACTION, &error))?;
-        let mut rgba = Vec::with_capacity(row_bytes as usize * height as usize);
-        for row in mapped.chunks_exact(padded_row_bytes as usize) {
-            rgba.extend_from_slice(&row[..row_bytes as usize]);
-        }
+        let rgba = read_back(gpu, &self.texture, height, "reading the picture back")?;
         Ok(Picture { width, height, rgba })
     }
+}
 
-    fn copy_to_buffer(&self, gpu: &Gpu, padded_row_bytes: u32) -> Buffer {
-        let [_, height] = self.size();
-        let buffer = gpu.device.create_buffer(&BufferDescriptor {
-            label: Some("picture in memory"),
-            size: u64::from(padded_row_bytes) * u64::from(height),
-            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("read back") });
-        encoder.copy_texture_to_buffer(
-            self.texture.as_image_copy(),
-            TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded_row_bytes),
-                    rows_per_image: Some(height),
-                },
-            },
-            self.texture.size(),
-        );
-        gpu.queue.submit([encoder.finish()]);
-        buffer
+/// Waits for what was drawn into a texture and copies its first rows into memory.
+///
+/// # Errors
+/// [`Error::Device`] when the device is lost or its memory does not suffice.
+pub(super) fn read_back(gpu: &Gpu, texture: &Texture, rows: u32, action: &'static str) -> Result<Vec<u8>> {
+    // Of a format without blocks.
+    let texel_bytes = texture.format().block_copy_size(None).unwrap_or(0);
+    let row_bytes = texture.width() * texel_bytes;
+    let padded_row_bytes = row_bytes.next_multiple_of(COPY_BYTES_PER_ROW_ALIGNMENT);
+    let buffer = gpu.checked(action, || copy_to_buffer(gpu, texture, rows, padded_row_bytes))?;
+
+    let (sender, receiver) = mpsc::channel();
+    buffer.map_async(MapMode::Read, .., move |mapped| {
+        // A receiver that is gone has already reported why.
+        let _ = sender.send(mapped);
+    });
+    gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| gpu.error(action, &error))?;
+    receiver.recv().map_err(|error| gpu.error(action, &error))?.map_err(|error| gpu.error(action, &error))?;
+    let mapped = buffer.get_mapped_range(..).map_err(|error| gpu.error(action, &error))?;
+    let mut bytes = Vec::with_capacity(row_bytes as usize * rows as usize);
+    for row in mapped.chunks_exact(padded_row_bytes as usize) {
+        bytes.extend_from_slice(&row[..row_bytes as usize]);
     }
+    Ok(bytes)
+}
+
+fn copy_to_buffer(gpu: &Gpu, texture: &Texture, rows: u32, padded_row_bytes: u32) -> Buffer {
+    let buffer = gpu.device.create_buffer(&BufferDescriptor {
+        label: Some("picture in memory"),
+        size: u64::from(padded_row_bytes) * u64::from(rows),
+        usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("read back") });
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(padded_row_bytes),
+                rows_per_image: Some(rows),
+            },
+        },
+        Extent3d { height: rows, ..texture.size() },
+    );
+    gpu.queue.submit([encoder.finish()]);
+    buffer
 }

@@ -33,7 +33,8 @@ pub struct Uniforms {
     background: [f32; 3],
     padding_after_background: f32,
     last_voxel: [i32; 3],
-    padding_after_last_voxel: i32,
+    /// The first row of the strip that is drawn.
+    first_row: i32,
     image_size: [f32; 2],
     plane_count: u32,
     jitter: u32,
@@ -69,12 +70,19 @@ impl From<&Frame> for Uniforms {
             background: frame.background.into(),
             padding_after_background: 0.0,
             last_voxel: frame.dims.map(|dim| dim as i32 - 1),
-            padding_after_last_voxel: 0,
+            first_row: 0,
             image_size: frame.image_size.map(|side| side as f32),
             plane_count: frame.plane_count,
             jitter: u32::from(frame.jitter),
             planes: frame.planes.map(|plane| plane.to_array()),
         }
+    }
+}
+
+impl Uniforms {
+    /// The same for a strip that begins at a row of the picture.
+    pub fn from_row(self, row: u32) -> Self {
+        Self { first_row: row as i32, ..self }
     }
 }
 
@@ -132,7 +140,7 @@ mod tests {
             background,
             padding_after_background,
             last_voxel,
-            padding_after_last_voxel,
+            first_row,
             image_size,
             plane_count,
             jitter,

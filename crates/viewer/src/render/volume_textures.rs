@@ -1,65 +1,106 @@
-//! A volume on the GPU: one 3D texture, four 16-bit integers a voxel.
+//! A volume on the GPU, four 16-bit integers a voxel: one 3D texture, or some of its bricks where it is too large for that.
+
+use std::sync::Arc;
 
 use wgpu::{
-    Extent3d, Origin3d, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect, TextureDescriptor,
-    TextureDimension, TextureFormat, TextureUsages, TextureView, TextureViewDescriptor,
+    Extent3d, Origin3d, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect, TextureDimension,
+    TextureFormat, TextureView, TextureViewDescriptor,
 };
 
+use super::brick_atlas::BrickAtlas;
 use super::gpu::Gpu;
+use super::lookup_textures::texture;
+use crate::classify::macrocells::MACROCELL;
 use crate::volume::VolumeTexels;
 use crate::{Error, Result};
 
-const BYTES_PER_TEXEL: usize = 8;
+pub(super) const BYTES_PER_TEXEL: usize = 8;
 /// Bytes that are uploaded at once: bounds the memory that the driver takes to pass them on.
-const UPLOAD_BYTES: usize = 64 << 20;
+pub(super) const UPLOAD_BYTES: usize = 64 << 20;
+/// Where a device has no room for a volume, this share of it is tried next, and of that.
+const LESS: u64 = 2;
+/// How often less is tried.
+const TRIES: u32 = 6;
 
-/// The texture and its view.
-pub struct VolumeTextures {
-    view: TextureView,
+/// What of the volume is there.
+pub enum VolumeTextures {
+    /// All of it, and a table of bricks that is not looked at.
+    Whole([TextureView; 2]),
+    /// Bricks.
+    Bricks(BrickAtlas),
 }
 
 impl VolumeTextures {
-    /// Uploads a volume.
+    /// Uploads a volume that takes `budget` bytes at most, or, where it takes more or the device has less, makes room for bricks of
+    /// it.
     ///
     /// # Errors
-    /// [`Error::VolumeTooLarge`] when an axis is longer than the device's textures or its memory does not suffice.
-    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
+    /// [`Error::VolumeTooLarge`] when not even a small part of it fits.
+    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
         let dims = volume.description.texel_dims();
         let limit = gpu.device.limits().max_texture_dimension_3d;
-        let too_large = |reason: String| Error::VolumeTooLarge { device: gpu.name.clone(), reason };
-        if dims.iter().any(|&dim| dim > limit) {
-            return Err(too_large(format!("{dims:?} voxels, where its 3D textures end at {limit} along each axis")));
+        let longest = u64::from(limit) * u64::from(MACROCELL);
+        if dims.iter().any(|&dim| u64::from(dim) > longest) {
+            return Err(too_large(gpu, format!("{dims:?} voxels, where {longest} along each axis can be drawn")));
         }
-        let texture = gpu
-            .checked("uploading the volume", || {
-                let texture = create_texture(gpu, dims);
-                upload(gpu, &texture, volume);
-                texture
-            })
-            .map_err(|error| {
-                let bytes = volume.texels.len() * BYTES_PER_TEXEL;
-                too_large(format!("{dims:?} voxels take {} MiB; {error}", bytes >> 20))
-            })?;
-        Ok(Self { view: texture.create_view(&TextureViewDescriptor::default()) })
+        let bytes = (volume.texels.len() * BYTES_PER_TEXEL) as u64;
+        let is_short = dims.iter().all(|&dim| dim <= limit);
+        if is_short && budget.is_none_or(|budget| bytes <= budget) {
+            match Self::whole(gpu, volume) {
+                Err(_) if budget.is_none() => {}
+                whole => return whole,
+            }
+        }
+        let mut room = budget.unwrap_or(if is_short { bytes / LESS } else { bytes });
+        for _ in 1..TRIES {
+            if let Ok(bricks) = BrickAtlas::new(gpu, volume, room) {
+                return Ok(Self::Bricks(bricks));
+            }
+            room /= LESS;
+        }
+        BrickAtlas::new(gpu, volume, room).map(Self::Bricks)
     }
 
-    /// What a shader reads.
-    pub fn view(&self) -> &TextureView {
-        &self.view
+    fn whole(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {
+        let [width, height, depth_or_array_layers] = volume.description.texel_dims();
+        let size = Extent3d { width, height, depth_or_array_layers };
+        let textures = gpu.checked("uploading the volume", || {
+            let whole = volume_texture(gpu, "volume", size);
+            upload(gpu, &whole, volume);
+            [whole, volume_texture(gpu, "pages", Extent3d::default())]
+        });
+        let textures = textures.map_err(|error| {
+            let bytes = volume.texels.len() * BYTES_PER_TEXEL;
+            too_large(
+                gpu,
+                format!("{width} x {height} x {depth_or_array_layers} voxels take {} MiB; {error}", bytes >> 20),
+            )
+        })?;
+        Ok(Self::Whole(textures.map(|texture| texture.create_view(&TextureViewDescriptor::default()))))
     }
 }
 
-fn create_texture(gpu: &Gpu, [width, height, depth_or_array_layers]: [u32; 3]) -> Texture {
-    gpu.device.create_texture(&TextureDescriptor {
-        label: Some("volume"),
-        size: Extent3d { width, height, depth_or_array_layers },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: TextureDimension::D3,
-        format: TextureFormat::Rgba16Uint,
-        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-        view_formats: &[],
-    })
+pub(super) fn too_large(gpu: &Gpu, reason: String) -> Error {
+    Error::VolumeTooLarge { device: gpu.name.clone(), reason }
+}
+
+/// A texture of four 16-bit integers.
+pub(super) fn volume_texture(gpu: &Gpu, label: &str, size: Extent3d) -> Texture {
+    texture(gpu, label, size, TextureDimension::D3, TextureFormat::Rgba16Uint)
+}
+
+/// Writes a box of texels, x fastest, that begins at a place in a texture.
+pub(super) fn write_box(gpu: &Gpu, texture: &Texture, origin: Origin3d, size: Extent3d, texels: &[[u16; 4]]) {
+    gpu.queue.write_texture(
+        TexelCopyTextureInfo { texture, mip_level: 0, origin, aspect: TextureAspect::All },
+        bytemuck::cast_slice(texels),
+        TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size.width * BYTES_PER_TEXEL as u32),
+            rows_per_image: Some(size.height),
+        },
+        size,
+    );
 }
 
 fn upload(gpu: &Gpu, texture: &Texture, volume: &VolumeTexels) {
@@ -67,21 +108,9 @@ fn upload(gpu: &Gpu, texture: &Texture, volume: &VolumeTexels) {
     let slice = width as usize * height as usize;
     let slices_at_once = (UPLOAD_BYTES / (slice * BYTES_PER_TEXEL)).max(1);
     for (index, slab) in volume.texels.chunks(slice * slices_at_once).enumerate() {
-        gpu.queue.write_texture(
-            TexelCopyTextureInfo {
-                texture,
-                mip_level: 0,
-                origin: Origin3d { x: 0, y: 0, z: (index * slices_at_once) as u32 },
-                aspect: TextureAspect::All,
-            },
-            bytemuck::cast_slice(slab),
-            TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(width * BYTES_PER_TEXEL as u32),
-                rows_per_image: Some(height),
-            },
-            Extent3d { width, height, depth_or_array_layers: (slab.len() / slice) as u32 },
-        );
+        let origin = Origin3d { x: 0, y: 0, z: (index * slices_at_once) as u32 };
+        let size = Extent3d { width, height, depth_or_array_layers: (slab.len() / slice) as u32 };
+        write_box(gpu, texture, origin, size, slab);
         // Hands the slab over now instead of gathering the whole volume first.
         gpu.queue.submit([]);
     }

@@ -19,6 +19,8 @@ pub mod theme;
 pub mod transfer_function;
 pub mod viewport;
 
+use std::sync::Arc;
+
 use eframe::egui_wgpu::RenderState;
 use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
 
@@ -54,14 +56,19 @@ impl ViewerWindow {
     ///
     /// # Errors
     /// As [`Preview::new`].
-    pub fn new(render_state: &RenderState, volume: OpenedVolume, texels: &VolumeTexels) -> crate::Result<Self> {
+    pub fn new(
+        render_state: &RenderState,
+        volume: OpenedVolume,
+        texels: &Arc<VolumeTexels>,
+        budget: Option<u64>,
+    ) -> crate::Result<Self> {
         let regions = volume.proposed_regions.clone();
         Ok(Self {
             view: ViewState {
                 transfer_function: TransferFunction { regions, ..TransferFunction::default() },
                 ..ViewState::default()
             },
-            preview: Preview::new(render_state, texels)?,
+            preview: Preview::new(render_state, texels, budget)?,
             histogram: HistogramPanel::new(&volume),
             save: SavePicture::new(&volume.path),
             finer: FinerLevels::default(),
@@ -85,7 +92,7 @@ impl ViewerWindow {
     fn show_finer_level(&mut self, context: &egui::Context) {
         match self.finer.take() {
             Some(Ok(texels)) => {
-                if let Err(error) = self.preview.replace_volume(&texels) {
+                if let Err(error) = self.preview.replace_volume(&Arc::new(texels)) {
                     self.preview.complain(&error);
                     self.finer = FinerLevels::default();
                 }

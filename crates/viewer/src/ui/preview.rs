@@ -1,5 +1,6 @@
 //! The picture in the window: drawn by the renderer into a texture that egui shows.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use eframe::egui_wgpu::RenderState;
@@ -16,6 +17,8 @@ use crate::{Error, Picture, Result};
 pub struct Preview {
     render_state: RenderState,
     renderer: Renderer,
+    /// Most bytes of the device that a volume takes.
+    budget: Option<u64>,
     /// Kept for as long as egui shows it.
     target: Option<Target>,
     texture: Option<TextureId>,
@@ -58,16 +61,17 @@ impl PartialPicture {
 }
 
 impl Preview {
-    /// Uploads a volume to the device that the window itself is drawn with.
+    /// Uploads a volume to the device that the window itself is drawn with, where it takes `budget` bytes at most.
     ///
     /// # Errors
     /// [`Error::VolumeTooLarge`] when the volume does not fit, [`Error::Device`] when the device refuses.
-    pub fn new(render_state: &RenderState, volume: &VolumeTexels) -> Result<Self> {
+    pub fn new(render_state: &RenderState, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
         let gpu = Gpu::from_parts(&render_state.adapter, render_state.device.clone(), render_state.queue.clone());
         let refinement = Refinement::new(gpu.is_cpu);
         Ok(Self {
             render_state: render_state.clone(),
-            renderer: Renderer::new(&gpu, volume)?,
+            renderer: Renderer::new(&gpu, volume, budget)?,
+            budget,
             target: None,
             texture: None,
             shown: None,
@@ -83,8 +87,8 @@ impl Preview {
     ///
     /// # Errors
     /// As [`Self::new`]; the volume shown before is then still shown.
-    pub fn replace_volume(&mut self, volume: &VolumeTexels) -> Result<()> {
-        self.renderer = Renderer::new(self.renderer.gpu(), volume)?;
+    pub fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
+        self.renderer = Renderer::new(self.renderer.gpu(), volume, self.budget)?;
         self.shown = None;
         self.refining = None;
         Ok(())
@@ -171,7 +175,7 @@ impl Preview {
     pub fn picture(&mut self, view: &ViewState) -> Result<Picture> {
         let gpu = self.renderer.gpu().clone();
         let target = Target::new(&gpu, view.render_settings.image_size)?;
-        self.renderer.draw(view, &target);
+        self.renderer.draw(view, &target)?;
         target.read_back(&gpu)
     }
 
@@ -211,7 +215,7 @@ impl Preview {
         state.render_settings.step *= partial.detail.step_factor;
         let end = (partial.rows + rows).min(partial.height());
         let start = Instant::now();
-        self.renderer.draw_rows(&state, &partial.target, partial.rows..end);
+        self.renderer.draw_rows(&state, &partial.target, partial.rows..end)?;
         // Waited for, because the window waits for its picture anyway, and so that the time is the device's.
         let gpu = self.renderer.gpu();
         gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| Error::Device {

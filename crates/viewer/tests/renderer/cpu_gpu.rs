@@ -1,5 +1,7 @@
 //! The GPU ray marcher against its oracle.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use voxrole_pack::GridGeometry;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
@@ -45,11 +47,11 @@ fn gpu_and_cpu_agree_where_sides_and_regions_have_an_emphasis_of_their_own() {
         return;
     };
     let phantom = Phantom::concentric_shells();
-    let volume = phantom.texels();
+    let volume = Arc::new(phantom.texels());
     let mut state = phantom.state(Camera::default());
     state.render_settings.image_size = [64, 64];
     let target = Target::new(&gpu, [64, 64]).expect("a target");
-    let mut renderer = Renderer::new(&gpu, &volume).expect("a renderer");
+    let mut renderer = Renderer::new(&gpu, &volume, None).expect("a renderer");
     let mut pictures = Vec::new();
     for (shared, own) in [
         ("concave,1,3,3", None),
@@ -59,7 +61,7 @@ fn gpu_and_cpu_agree_where_sides_and_regions_have_an_emphasis_of_their_own() {
     ] {
         state.transfer_function.emphasis = shared.parse().expect("an emphasis");
         state.transfer_function.regions[0].emphasis = own.map(|own| own.parse().expect("an emphasis"));
-        renderer.draw(&state, &target);
+        renderer.draw(&state, &target).expect("draws");
         pictures.push(target.read_back(&gpu).expect("a picture"));
         let name = format!("{shared} {own:?}");
         assert_same(&name, &draw_on_cpu(&volume, &state), &pictures[pictures.len() - 1]);
@@ -91,12 +93,12 @@ fn gpu_and_cpu_agree_on_turned_uneven_and_flat_grids() {
 fn a_renderer_follows_its_state() {
     let Some(gpu) = gpu_or_skip("a_renderer_follows_its_state") else { return };
     let phantom = Phantom::cube(24, &[Shell { radius: 7.0, step: 80.0 }]);
-    let volume = phantom.texels();
+    let volume = Arc::new(phantom.texels());
     let target = Target::new(&gpu, [64, 64]).expect("a target");
-    let mut renderer = Renderer::new(&gpu, &volume).expect("a renderer");
+    let mut renderer = Renderer::new(&gpu, &volume, None).expect("a renderer");
     let mut state = phantom.state(Camera::default());
     let mut draw = |state: &ViewState| {
-        renderer.draw(state, &target);
+        renderer.draw(state, &target).expect("draws");
         target.read_back(&gpu).expect("a picture")
     };
     let first = draw(&state);
@@ -116,6 +118,6 @@ fn what_does_not_fit_is_refused_with_a_reason() {
     let mut volume = Phantom::cube(8, &[Shell { radius: 2.0, step: 1.0 }]).texels();
     volume.description.dims = [1 << 20, 1, 1];
     volume.texels = vec![[0; 4]; 1 << 20];
-    let error = Renderer::new(&gpu, &volume).err().expect("is refused").to_string();
+    let error = Renderer::new(&gpu, &Arc::new(volume), None).err().expect("is refused").to_string();
     assert!(error.contains("1048576") && error.contains("--cpu"), "{error}");
 }

@@ -1,5 +1,6 @@
 //! The two ray marchers on phantoms whose roles are known exactly.
 
+mod bricks;
 mod clipping;
 mod cpu_gpu;
 mod integration;

@@ -9,15 +9,26 @@ fn first_sample(pixel: vec2<u32>) -> f32 {
 // What lies this close behind a plane that cuts is lit as the plane is.
 const FACE_DEPTH: f32 = 0.5;
 
-// Light along a ray, with the first sample so far into the first step: colour premultiplied by opacity, and opacity.
-fn march(ray: Ray, first: f32) -> vec4<f32> {
+// How far a ray has come.
+struct Progress {
+    // Colour premultiplied by opacity, and opacity.
+    light: vec4<f32>,
+    // How many steps lie behind.
+    count: f32,
+    // 1 more than the number of the brick that the ray waits for, or 0 at its end.
+    wanted: u32,
+}
+
+// Light along a ray that goes on from where it was, with the first sample so far into the first step.
+fn march(ray: Ray, first: f32, start: Progress) -> Progress {
     let inverse = inverse_direction(ray);
     let interval = drawn_interval(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
-    var sum = vec4<f32>(0.0);
-    var count = 0.0;
-    var along = interval.entry + first * frame.step;
+    var sum = start.light;
+    var count = start.count;
+    var wanted = 0u;
+    var along = interval.entry + (count + first) * frame.step;
     while along < interval.exit && sum.a <= frame.termination_opacity {
         let place = place_at(ray.origin + along * ray.direction);
         let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
@@ -27,6 +38,10 @@ fn march(ray: Ray, first: f32) -> vec4<f32> {
             count = max(beyond, count + 1.0);
             along = interval.entry + (count + first) * frame.step;
             continue;
+        }
+        if HAS_BRICKS && any(place.base != cell.base) && page_of(place.base).w == 0 {
+            wanted = brick_number(place.base) + 1u;
+            break;
         }
         let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
@@ -40,12 +55,24 @@ fn march(ray: Ray, first: f32) -> vec4<f32> {
         count += 1.0;
         along = interval.entry + (count + first) * frame.step;
     }
-    return sum;
+    return Progress(sum, count, wanted);
+}
+
+// Bricks count along x first.
+fn brick_number(base: vec3<i32>) -> u32 {
+    let grid = vec3<i32>(textureDimensions(pages));
+    let brick = base / BRICK;
+    return u32((brick.z * grid.y + brick.y) * grid.x + brick.x);
+}
+
+// Display values of light over the background.
+fn over_background(light: vec4<f32>) -> vec4<f32> {
+    let color = light.rgb + (1.0 - light.a) * frame.background;
+    return vec4<f32>(clamp(color, vec3<f32>(0.0), vec3<f32>(1.0)), 1.0);
 }
 
 @fragment
 fn fragment_main(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let light = march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)));
-    let color = light.rgb + (1.0 - light.a) * frame.background;
-    return vec4<f32>(clamp(color, vec3<f32>(0.0), vec3<f32>(1.0)), 1.0);
+    let start = Progress(vec4<f32>(0.0), 0.0, 0u);
+    return over_background(march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)), start).light);
 }

@@ -1,6 +1,7 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
-/// The whole module: vertex entry point `vertex_main`, fragment entry point `fragment_main`.
+/// The whole module: vertex entry point `vertex_main`; fragment entry points `fragment_main` for a volume that is there as a
+/// whole, `fragment_resume` and `fragment_finish` for one that comes brick by brick.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
@@ -9,6 +10,7 @@ pub const SOURCE: &str = concat!(
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
     include_str!("compositing.wgsl"),
+    include_str!("resuming.wgsl"),
 );
 
 #[cfg(test)]
@@ -22,8 +24,9 @@ mod tests {
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
+    use crate::render::brick_atlas::BRICK;
 
-    const CHUNKS: [(&str, &str); 7] = [
+    const CHUNKS: [(&str, &str); 8] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -31,6 +34,7 @@ mod tests {
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
+        ("resuming", include_str!("resuming.wgsl")),
     ];
 
     #[test]
@@ -56,6 +60,7 @@ mod tests {
         assert!(SOURCE.contains(&format!("const INTERVALS: f32 = {INTERVALS:?}.0;")));
         assert!(SOURCE.contains(&format!("const MOST_PLANES: u32 = {MOST_PLANES}u;")));
         assert!(SOURCE.contains(&format!("const FACE_DEPTH: f32 = {FACE_DEPTH:?};")));
+        assert!(SOURCE.contains(&format!("const BRICK: i32 = {BRICK};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));

@@ -58,21 +58,35 @@ fn decode_normal(stored: u32) -> vec3<f32> {
     return vector / sqrt(dot(vector, vector));
 }
 
-fn voxel(index: vec3<i32>) -> vec4<u32> {
-    return textureLoad(volume, min(index, frame.last_voxel), 0);
+// Where a cell's brick lies in the texture, and 1, or 0 where it is not there.
+fn page_of(base: vec3<i32>) -> vec4<i32> {
+    return vec4<i32>(textureLoad(pages, base / BRICK, 0));
+}
+
+// From a voxel's index to its place in the texture, for the voxels of a cell.
+fn offset_of(base: vec3<i32>) -> vec3<i32> {
+    if !HAS_BRICKS {
+        return vec3<i32>(0);
+    }
+    return page_of(base).xyz - base / BRICK * BRICK;
+}
+
+fn voxel(index: vec3<i32>, offset: vec3<i32>) -> vec4<u32> {
+    return textureLoad(volume, min(index, frame.last_voxel) + offset, 0);
 }
 
 fn load_cell(base: vec3<i32>) -> Cell {
     var cell: Cell;
     cell.base = base;
-    cell.t000 = voxel(base);
-    cell.t100 = voxel(base + vec3<i32>(1, 0, 0));
-    cell.t010 = voxel(base + vec3<i32>(0, 1, 0));
-    cell.t110 = voxel(base + vec3<i32>(1, 1, 0));
-    cell.t001 = voxel(base + vec3<i32>(0, 0, 1));
-    cell.t101 = voxel(base + vec3<i32>(1, 0, 1));
-    cell.t011 = voxel(base + vec3<i32>(0, 1, 1));
-    cell.t111 = voxel(base + vec3<i32>(1, 1, 1));
+    let offset = offset_of(base);
+    cell.t000 = voxel(base, offset);
+    cell.t100 = voxel(base + vec3<i32>(1, 0, 0), offset);
+    cell.t010 = voxel(base + vec3<i32>(0, 1, 0), offset);
+    cell.t110 = voxel(base + vec3<i32>(1, 1, 0), offset);
+    cell.t001 = voxel(base + vec3<i32>(0, 0, 1), offset);
+    cell.t101 = voxel(base + vec3<i32>(1, 0, 1), offset);
+    cell.t011 = voxel(base + vec3<i32>(0, 1, 1), offset);
+    cell.t111 = voxel(base + vec3<i32>(1, 1, 1), offset);
     cell.is_active = is_within_reach(cell.t000) || is_within_reach(cell.t100)
         || is_within_reach(cell.t010) || is_within_reach(cell.t110)
         || is_within_reach(cell.t001) || is_within_reach(cell.t101)

@@ -1,6 +1,10 @@
 // Rays: from a pixel to where its ray enters and leaves the box. Space: grid axes, lengths in multiples of L_min.
 
 const MOST_PLANES: u32 = 10u;
+// Cells along a side of a brick.
+const BRICK: i32 = 32;
+// Whether the volume is there brick by brick.
+override HAS_BRICKS: bool = false;
 
 struct Uniforms {
     origin: vec3<f32>,
@@ -28,7 +32,7 @@ struct Uniforms {
     background: vec3<f32>,
     padding_after_background: f32,
     last_voxel: vec3<i32>,
-    padding_after_last_voxel: i32,
+    first_row: i32,
     image_size: vec2<f32>,
     plane_count: u32,
     jitter: u32,
@@ -42,8 +46,10 @@ struct Ray {
 }
 
 @group(0) @binding(0) var<uniform> frame: Uniforms;
-// Value, distance, gradient magnitude at the hit and normal, as stored.
+// Value, distance, gradient magnitude at the hit and normal, as stored: of the whole volume, or of some of its bricks.
 @group(0) @binding(1) var volume: texture_3d<u32>;
+// For every brick where its first voxel lies in `volume`, and 1, or 0 where it is not there.
+@group(0) @binding(7) var pages: texture_3d<u32>;
 // Colour and opacity by value (x) and gradient magnitude at the hit (y), in shares of 65535.
 @group(0) @binding(2) var opacity_table: texture_2d<u32>;
 // Which αd goes with each of its entries.

@@ -1,0 +1,193 @@
+//! Bricks of a volume of which the device has no room for all: those that rays need, in one texture, and where each of them lies.
+
+use std::sync::Arc;
+
+use wgpu::{Extent3d, Origin3d, Texture, TextureView, TextureViewDescriptor};
+
+use super::gpu::Gpu;
+use super::volume_textures::{BYTES_PER_TEXEL, UPLOAD_BYTES, too_large, volume_texture, write_box};
+use crate::Result;
+use crate::classify::Occupancy;
+use crate::classify::macrocells::MACROCELL;
+use crate::frame::Frame;
+use crate::volume::VolumeTexels;
+use glam::Vec3;
+
+/// Cells along a side of a brick.
+pub const BRICK: u32 = 32;
+/// Voxels along a side: those on the faces between two bricks are in both, so that every cell has all of its own.
+const SIDE: u32 = BRICK + 1;
+const BRICK_BYTES: u64 = SIDE as u64 * SIDE as u64 * SIDE as u64 * BYTES_PER_TEXEL as u64;
+const UPLOADS_AT_ONCE: u64 = UPLOAD_BYTES as u64 / BRICK_BYTES;
+
+/// As many bricks as there is room for; others take their place when rays want them.
+pub struct BrickAtlas {
+    volume: Arc<VolumeTexels>,
+    /// Bricks along x, y, z.
+    grid: [u32; 3],
+    texture: Texture,
+    pages: Texture,
+    /// For every brick where its first voxel lies in the texture, and 1, or 0 where it is not there; x fastest.
+    places: Vec<[u16; 4]>,
+    /// Which brick each slot holds.
+    slots: Vec<Option<usize>>,
+    /// The slot that is filled next: that which was filled the longest time ago.
+    next: usize,
+    uploads: u64,
+}
+
+impl BrickAtlas {
+    /// Makes room for as many bricks as `budget` bytes hold, or as many as there are. None is there yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::VolumeTooLarge`] when not even one fits.
+    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: u64) -> Result<Self> {
+        let dims = volume.description.texel_dims();
+        let grid = dims.map(|dim| dim.saturating_sub(1).max(1).div_ceil(BRICK));
+        let count = grid.iter().map(|&bricks| bricks as usize).product::<usize>();
+        let limit = gpu.device.limits().max_texture_dimension_3d / SIDE;
+        let [across, down, deep] = slots_along((budget / BRICK_BYTES).min(count as u64), limit);
+        if across == 0 {
+            let least = BRICK_BYTES.div_ceil(1 << 20);
+            return Err(too_large(gpu, format!("a brick of it takes {least} MiB, and there is room for less")));
+        }
+        let textures = gpu.checked("making room for bricks", || {
+            let size = extent([across, down, deep].map(|slots| slots * SIDE));
+            [volume_texture(gpu, "bricks", size), volume_texture(gpu, "pages", extent(grid))]
+        });
+        let [texture, pages] = textures.map_err(|error| too_large(gpu, error.to_string()))?;
+        Ok(Self {
+            volume: Arc::clone(volume),
+            grid,
+            texture,
+            pages,
+            places: vec![[0; 4]; count],
+            slots: vec![None; across as usize * down as usize * deep as usize],
+            next: 0,
+            uploads: 0,
+        })
+    }
+
+    /// What a shader reads: the bricks, and where each of them lies.
+    pub fn views(&self) -> [TextureView; 2] {
+        [&self.texture, &self.pages].map(|texture| texture.create_view(&TextureViewDescriptor::default()))
+    }
+
+    /// How many bricks were brought to the device so far.
+    pub fn uploads(&self) -> u64 {
+        self.uploads
+    }
+
+    /// Brings bricks that something can be drawn of, those nearest to the eye first, as long as there are slots that were never
+    /// filled; all that may be drawn where rays do not leap.
+    pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame) {
+        let free = self.slots.iter().filter(|slot| slot.is_none()).count();
+        if free == 0 {
+            return;
+        }
+        let drawable = occupancy.map(|occupancy| occupancy.drawn_blocks((BRICK / MACROCELL) as usize));
+        let absent = (0..self.places.len())
+            .filter(|&brick| self.places[brick][3] == 0 && drawable.as_ref().is_none_or(|drawable| drawable[brick]));
+        let distance = |&brick: &usize| {
+            let start = Vec3::from_array(self.start(brick).map(|voxel| voxel as f32));
+            (((start + 0.5 * BRICK as f32) * frame.spacing - frame.rays.origin).length() * 256.0) as u64
+        };
+        let mut absent: Vec<usize> = absent.collect();
+        absent.sort_by_cached_key(distance);
+        absent.truncate(free);
+        self.bring(gpu, &absent);
+    }
+
+    /// The first voxel of a brick.
+    fn start(&self, brick: usize) -> [u32; 3] {
+        along_axes(brick, [self.grid[0] as usize, self.grid[1] as usize]).map(|brick| brick * BRICK)
+    }
+
+    /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest; as many as
+    /// there is room for.
+    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize]) {
+        for &brick in bricks.iter().take(self.slots.len()) {
+            if self.places[brick][3] != 0 {
+                continue;
+            }
+            if let Some(old) = self.slots[self.next].replace(brick) {
+                self.places[old] = [0; 4];
+            }
+            self.upload(gpu, brick, self.next);
+            self.next = (self.next + 1) % self.slots.len();
+        }
+        write_box(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
+        gpu.queue.submit([]);
+    }
+
+    fn upload(&mut self, gpu: &Gpu, brick: usize, slot: usize) {
+        let size = self.texture.size();
+        let across = [size.width, size.height].map(|side| (side / SIDE) as usize);
+        let origin = along_axes(slot, across).map(|slot| slot * SIDE);
+        let [x, y, z] = origin;
+        self.places[brick] = [x as u16, y as u16, z as u16, 1];
+        let (texels, dims) = self.texels(brick);
+        write_box(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), &texels);
+        self.uploads += 1;
+        if self.uploads.is_multiple_of(UPLOADS_AT_ONCE) {
+            // Hands them over now instead of gathering all of them first.
+            gpu.queue.submit([]);
+        }
+    }
+
+    /// A brick's voxels, x fastest, and how many there are along each axis.
+    fn texels(&self, brick: usize) -> (Vec<[u16; 4]>, [u32; 3]) {
+        let dims = self.volume.description.texel_dims();
+        let start = self.start(brick);
+        let size: [u32; 3] = std::array::from_fn(|axis| SIDE.min(dims[axis] - start[axis]));
+        let [width, height, _] = dims.map(|dim| dim as usize);
+        let mut texels = Vec::with_capacity(size.iter().map(|&side| side as usize).product());
+        for z in start[2]..start[2] + size[2] {
+            for y in start[1]..start[1] + size[1] {
+                let first = (z as usize * height + y as usize) * width + start[0] as usize;
+                texels.extend_from_slice(&self.volume.texels[first..first + size[0] as usize]);
+            }
+        }
+        (texels, size)
+    }
+}
+
+fn extent([width, height, depth_or_array_layers]: [u32; 3]) -> Extent3d {
+    Extent3d { width, height, depth_or_array_layers }
+}
+
+/// Where number `index` of a grid lies.
+fn along_axes(index: usize, [width, height]: [usize; 2]) -> [u32; 3] {
+    [index % width, index / width % height, index / (width * height)].map(|place| place as u32)
+}
+
+/// How many of at most `count` slots go along each axis, as evenly as `limit` lets them.
+fn slots_along(count: u64, limit: u32) -> [u32; 3] {
+    let count = count.min(u64::from(limit).pow(3));
+    let across = ((count as f64).cbrt() as u64).clamp(u64::from(count > 0), limit.into());
+    if across == 0 {
+        return [0; 3];
+    }
+    let down = (((count / across) as f64).sqrt() as u64).clamp(1, limit.into());
+    let deep = (count / (across * down)).min(limit.into());
+    [across, down, deep].map(|slots| slots as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slots_keep_within_count_and_limit() {
+        for limit in [1, 7, 62] {
+            for count in (0..2000).chain([1 << 20, u64::MAX]) {
+                let slots = slots_along(count, limit);
+                let all: u64 = slots.iter().map(|&slots| u64::from(slots)).product();
+                let most = count.min(u64::from(limit).pow(3));
+                assert!(slots.iter().all(|&slots| slots <= limit) && all <= most, "{count} {limit}: {slots:?}");
+                // Little of the room is lost.
+                assert!(5 * all >= 3 * most, "{count} {limit}: {slots:?}");
+            }
+        }
+    }
+}

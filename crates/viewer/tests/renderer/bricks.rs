@@ -1,0 +1,85 @@
+//! Volumes of which the device has no room for all.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_with_budget, gpu_or_skip, lit_share};
+use voxrole_viewer::state::{Camera, CameraPreset};
+use voxrole_viewer::{Error, Renderer};
+
+use crate::phantom::{Phantom, Shell, orthographic};
+
+/// Bytes of a brick of 32 cells along each axis.
+const BRICK: u64 = 33 * 33 * 33 * 8;
+
+/// Three times as large as a budget of nine bricks, and more.
+fn shells() -> Phantom {
+    Phantom::cube(96, &[Shell { radius: 20.0, step: 80.0 }, Shell { radius: 40.0, step: 40.0 }])
+}
+
+#[test]
+fn a_budget_changes_nothing() {
+    let Some(gpu) = gpu_or_skip("a_budget_changes_nothing") else { return };
+    let phantom = shells();
+    let volume = Arc::new(phantom.texels());
+    for camera in [Camera::default(), orthographic(CameraPreset::Top), Camera { zoom: 6.0, ..Camera::default() }] {
+        for leaps in [true, false] {
+            let mut state = phantom.state(camera);
+            state.render_settings.leaps = leaps;
+            state.render_settings.image_size = [90, 100];
+            let (whole, none) = draw_with_budget(&gpu, &volume, &state, None);
+            assert!(none.is_none() && lit_share(&whole, [0, 0, 0, 255]) > 0.1);
+            for bricks in [24, 9, 4, 1] {
+                let (picture, uploads) = draw_with_budget(&gpu, &volume, &state, Some(bricks * BRICK));
+                assert!(picture == whole, "{bricks} bricks, {leaps}: another picture");
+                let uploads = uploads.expect("is drawn brick by brick");
+                // Where there is room, none is brought twice.
+                assert!(uploads > 0 && (bricks < 24 || !leaps || uploads <= 27), "{bricks}: {uploads}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_drawn_is_never_uploaded() {
+    let Some(gpu) = gpu_or_skip("what_cannot_be_drawn_is_never_uploaded") else { return };
+    // A ball that reaches into one brick of 64.
+    let mut phantom = Phantom::cube(128, &[Shell { radius: 9.0, step: 80.0 }]);
+    phantom.center = DVec3::splat(16.0);
+    let volume = Arc::new(phantom.texels());
+    let state = phantom.state(Camera::default());
+    let (picture, uploads) = draw_with_budget(&gpu, &volume, &state, Some(20 * BRICK));
+    assert_eq!(uploads, Some(1));
+    assert_same("one brick", &draw_on_cpu(&volume, &state), &picture);
+    let mut empty = state;
+    empty.transfer_function.regions.clear();
+    assert_eq!(draw_with_budget(&gpu, &volume, &empty, Some(20 * BRICK)).1, Some(0));
+}
+
+#[test]
+fn a_volume_longer_than_textures_is_drawn() {
+    let Some(gpu) = gpu_or_skip("a_volume_longer_than_textures_is_drawn") else { return };
+    let limit = gpu.device.limits().max_texture_dimension_3d;
+    let long = (limit + 1).max(4096);
+    let mut phantom = Phantom::cube(64, &[Shell { radius: 20.0, step: 80.0 }]);
+    phantom.geometry.dims[0] = long;
+    phantom.center.x = f64::from(long) - 31.0;
+    let volume = Arc::new(phantom.texels());
+    let mut state = phantom.state(Camera::from_preset(CameraPreset::Front));
+    // At the ball, which lies at the far end.
+    (state.camera.zoom, state.camera.pan) = (60.0, [0.98, 0.0]);
+    let (picture, uploads) = draw_with_budget(&gpu, &volume, &state, None);
+    assert!(uploads.is_some(), "one texture has room for {limit} voxels alone");
+    let on_cpu = draw_on_cpu(&volume, &state);
+    assert!(lit_share(&on_cpu, [0, 0, 0, 255]) > 0.05);
+    assert_same("long", &on_cpu, &picture);
+}
+
+#[test]
+fn less_than_a_brick_is_refused() {
+    let Some(gpu) = gpu_or_skip("less_than_a_brick_is_refused") else { return };
+    let volume = Arc::new(shells().texels());
+    let error = Renderer::new(&gpu, &volume, Some(BRICK - 1)).err().expect("is refused");
+    assert!(matches!(error, Error::VolumeTooLarge { .. }), "{error}");
+    assert!(error.to_string().contains("a brick of it takes"), "{error}");
+}
