@@ -80,7 +80,7 @@ impl BrickMarch {
         });
         for first in rows.clone().step_by(STRIP as usize) {
             let strip = first..(first + STRIP).min(rows.end);
-            bindings.set_uniforms(gpu, &uniforms.from_row(first));
+            bindings.set_uniforms(gpu, &uniforms.at_row(first));
             begin(gpu, &strips[0]);
             loop {
                 strips.swap(0, 1);

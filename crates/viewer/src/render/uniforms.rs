@@ -81,7 +81,7 @@ impl From<&Frame> for Uniforms {
 
 impl Uniforms {
     /// The same for a strip that begins at a row of the picture.
-    pub fn from_row(self, row: u32) -> Self {
+    pub fn at_row(self, row: u32) -> Self {
         Self { first_row: row as i32, ..self }
     }
 }
