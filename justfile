@@ -93,6 +93,10 @@ bench OUT:
 bench-kernels:
     cargo bench --no-default-features -p voxrole-preprocess --bench kernels
 
+# What a knob of the viewer costs before the next picture.
+bench-tables:
+    cargo bench --no-default-features -p voxrole-viewer --bench tables
+
 # Whole runs, derivatives and the bilateral filter beside teem and ITK, as ratios; installs both into a folder of its own.
 bench-peers:
     command -v teem-vprobe || apt-get install -y teem-apps

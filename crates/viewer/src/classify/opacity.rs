@@ -1,8 +1,11 @@
 //! αu(v, g): the regions of a transfer function as a table over value and gradient magnitude at the hit.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
 use voxrole_pack::HitGradientQuantization;
 
-use crate::state::{Shape, TransferFunction};
+use crate::state::{Region, Shape, TransferFunction};
 
 /// Bins of value.
 pub const VALUE_BINS: usize = 1024;
@@ -28,57 +31,34 @@ impl OpacityTable {
         value_range: [f64; 2],
         hit_gradient: HitGradientQuantization,
     ) -> Self {
-        let mut sums = vec![RegionSum::default(); VALUE_BINS * GRADIENT_BINS];
-        let gradient_range = [hit_gradient.low, hit_gradient.high].map(f64::from);
-        let mut own_emphases = 0;
         let TransferFunction { regions, curve, .. } = transfer_function;
-        if !curve.points().is_empty() {
-            let width = (value_range[1] - value_range[0]) / VALUE_BINS as f64;
-            let middles = (0..VALUE_BINS).map(|bin| (bin as f64 + 0.5).mul_add(width, value_range[0]) as f32);
-            let at: Vec<_> = middles.filter_map(|value| curve.at(value)).collect();
-            for row in sums.chunks_exact_mut(VALUE_BINS) {
-                for (sum, (color, opacity)) in row.iter_mut().zip(&at) {
-                    sum.add(*color, 0, *opacity);
-                }
-            }
-        }
-        for region in regions {
+        let width = (value_range[1] - value_range[0]) / VALUE_BINS as f64;
+        let middles = (0..VALUE_BINS).map(|bin| (bin as f64 + 0.5).mul_add(width, value_range[0]) as f32);
+        let curve: Vec<_> = middles.filter_map(|value| curve.at(value)).collect();
+        let axes = [(value_range, VALUE_BINS), ([hit_gradient.low, hit_gradient.high].map(f64::from), GRADIENT_BINS)];
+        let mut own_emphases = 0;
+        let painted = regions.iter().map(|region| {
             own_emphases += u16::from(region.emphasis.is_some());
-            let emphasis = if region.emphasis.is_some() { own_emphases } else { 0 };
-            let add = |sum: &mut RegionSum, weight: f32| sum.add(region.color, emphasis, region.opacity * weight);
-            let axes = [(region.value, value_range, VALUE_BINS), (region.gradient, gradient_range, GRADIENT_BINS)];
-            // Only a rectangle is sure to hold the middle of a bin that it is narrower than.
-            let is_narrow = axes
-                .iter()
-                .any(|(extent, range, bins)| f64::from(extent[1] - extent[0]) < (range[1] - range[0]) / *bins as f64);
-            if region.shape == Shape::Box || is_narrow {
-                let [value_weights, gradient_weights] =
-                    axes.map(|(extent, range, bins)| axis_weights(extent, region.softness, range, bins));
-                for (row, &gradient_weight) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradient_weights) {
-                    if gradient_weight > 0.0 {
-                        let bins = row.iter_mut().zip(&value_weights);
-                        bins.for_each(|(sum, &value_weight)| add(sum, gradient_weight * value_weight));
-                    }
-                }
-                continue;
+            PaintedRegion::new(region, if region.emphasis.is_some() { own_emphases } else { 0 }, axes)
+        });
+        let painted: Vec<_> = painted.collect();
+        let mut table =
+            Self { entries: vec![[0; 4]; VALUE_BINS * GRADIENT_BINS], emphases: vec![0; VALUE_BINS * GRADIENT_BINS] };
+        let rows = table.entries.par_chunks_exact_mut(VALUE_BINS).zip(table.emphases.par_chunks_exact_mut(VALUE_BINS));
+        // A row at a time: its sums stay in the nearest cache.
+        rows.enumerate().for_each(|(row, (entries, emphases))| {
+            let mut sums = [RegionSum::default(); VALUE_BINS];
+            for (sum, &(color, opacity)) in sums.iter_mut().zip(&curve) {
+                sum.add(color, 0, opacity);
             }
-            let [values, gradients] = axes.map(|(extent, range, bins)| axis_shares(extent, range, bins));
-            for (row, &gradient) in sums.chunks_exact_mut(VALUE_BINS).zip(&gradients) {
-                if (0.0..=1.0).contains(&gradient) {
-                    let bins = row.iter_mut().zip(&values).filter(|(_, value)| (0.0..=1.0).contains(*value));
-                    for (sum, &value) in bins {
-                        let depth = region.shape.depth([value, gradient]);
-                        if depth >= 0.0 {
-                            add(sum, if region.softness > 0.0 { (depth / region.softness).min(1.0) } else { 1.0 });
-                        }
-                    }
+            painted.iter().for_each(|region| region.paint(row, &mut sums));
+            for ((sum, entry), emphasis) in sums.iter().zip(entries).zip(emphases) {
+                if sum.weight > 0.0 {
+                    (*entry, *emphasis) = (sum.entry(), sum.emphasis);
                 }
             }
-        }
-        Self {
-            entries: sums.iter().map(RegionSum::entry).collect(),
-            emphases: sums.iter().map(|sum| sum.emphasis).collect(),
-        }
+        });
+        table
     }
 
     /// All entries, value fastest, [`VALUE_BINS`] times [`GRADIENT_BINS`] of them.
@@ -186,6 +166,66 @@ pub(crate) fn gradient_bin(stored: u16) -> usize {
     usize::from(stored.saturating_sub(1)) * GRADIENT_BINS / 65535
 }
 
+/// A region over the bins.
+struct PaintedRegion<'a> {
+    region: &'a Region,
+    /// Which αd is its own.
+    emphasis: u16,
+    /// Whether it is drawn as the rectangle around it.
+    is_rectangle: bool,
+    /// Of every bin of value and of gradient magnitude: of a rectangle its weight, of other shapes where in the region it lies.
+    places: [Vec<f32>; 2],
+    /// The first bin of value inside, and the one behind the last.
+    bins: Range<usize>,
+}
+
+impl<'a> PaintedRegion<'a> {
+    /// `axes`: the range of value and that of gradient magnitude, and into how many bins each is cut.
+    fn new(region: &'a Region, emphasis: u16, axes: [([f64; 2], usize); 2]) -> Self {
+        let extents = [region.value, region.gradient];
+        // Only a rectangle is sure to hold the middle of a bin that it is narrower than.
+        let is_narrow = extents
+            .iter()
+            .zip(axes)
+            .any(|(extent, (range, bins))| f64::from(extent[1] - extent[0]) < (range[1] - range[0]) / bins as f64);
+        let is_rectangle = region.shape == Shape::Box || is_narrow;
+        let places = [0, 1].map(|axis: usize| {
+            let (extent, (range, bins)) = (extents[axis], axes[axis]);
+            if is_rectangle {
+                axis_weights(extent, region.softness, range, bins)
+            } else {
+                axis_shares(extent, range, bins)
+            }
+        });
+        let is_inside = |&place: &f32| if is_rectangle { place > 0.0 } else { (0.0..=1.0).contains(&place) };
+        let ends = places[0].iter().position(is_inside).zip(places[0].iter().rposition(is_inside));
+        let bins = ends.map_or(0..0, |(first, last)| first..last + 1);
+        Self { region, emphasis, is_rectangle, places, bins }
+    }
+
+    /// Adds the region to a row of bins.
+    fn paint(&self, row: usize, sums: &mut [RegionSum]) {
+        let Self { region, emphasis, bins, places: [values, gradients], .. } = self;
+        let gradient = gradients[row];
+        let (sums, values) = (&mut sums[bins.clone()], &values[bins.clone()]);
+        if self.is_rectangle {
+            if gradient > 0.0 {
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    sum.add(region.color, *emphasis, region.opacity * (gradient * value));
+                }
+            }
+        } else if (0.0..=1.0).contains(&gradient) {
+            let mut depths = [0.0; VALUE_BINS];
+            let depths = &mut depths[..values.len()];
+            region.shape.depths(values, gradient, depths);
+            for (sum, &depth) in sums.iter_mut().zip(&*depths).filter(|(_, depth)| **depth >= 0.0) {
+                let weight = if region.softness > 0.0 { (depth / region.softness).min(1.0) } else { 1.0 };
+                sum.add(region.color, *emphasis, region.opacity * weight);
+            }
+        }
+    }
+}
+
 /// How far each bin's middle lies inside a region along one axis, 0 to 1.
 fn axis_weights(extent: [f32; 2], softness: f32, range: [f64; 2], bins: usize) -> Vec<f32> {
     let [mut low, mut high] = extent.map(f64::from);
@@ -238,14 +278,11 @@ impl RegionSum {
         }
     }
 
+    /// Colour and αu, where there is something.
     fn entry(&self) -> [u16; 4] {
-        let share = |number: f32| (number.clamp(0.0, 1.0) * 65535.0).round() as u16;
-        if self.weight > 0.0 {
-            let [red, green, blue] = self.color.map(|channel| share(channel / self.weight));
-            [red, green, blue, share(self.opacity)]
-        } else {
-            [0; 4]
-        }
+        let share = |number: f32| (number.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16;
+        let [red, green, blue] = self.color.map(|channel| share(channel / self.weight));
+        [red, green, blue, share(self.opacity)]
     }
 }
 

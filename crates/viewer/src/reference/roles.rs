@@ -38,22 +38,8 @@ impl Roles {
     #[must_use]
     pub fn new(table: &OpacityTable, transfer_function: &TransferFunction) -> Self {
         let emphases = EmphasisTable::new(transfer_function);
-        let mut roles = vec![Role::default()];
-        let mut known = HashMap::new();
-        let (mut last, mut last_role) = (([0; 4], 0), 0);
-        let bins = table.entries().iter().zip(table.emphases()).map(|(&entry, &emphasis)| {
-            // Most bins are as the one before.
-            if entry[3] > 0 && (entry, emphasis) != last {
-                last = (entry, emphasis);
-                last_role = *known.entry(last).or_insert_with(|| {
-                    roles.push(Role::new(entry, emphasis));
-                    roles.len() as u32 - 1
-                });
-            }
-            if entry[3] > 0 { last_role } else { 0 }
-        });
-        let bins = bins.collect();
-        Self { lit: table.lit_rows(), bins, roles, cells: PreintegrationCells::new(&emphases), emphases }
+        let ((bins, roles), cells) = rayon::join(|| roles_of(table), || PreintegrationCells::new(&emphases));
+        Self { lit: table.lit_rows(), bins, roles, cells, emphases }
     }
 
     /// αd by distance.
@@ -112,6 +98,25 @@ impl Stretch {
         let length = 2.0 * half;
         Self { half, per_length: if length < SHORTEST { 0.0 } else { 1.0 / length } }
     }
+}
+
+/// For every bin of a table which of the roles it has, and those roles.
+fn roles_of(table: &OpacityTable) -> (Vec<u32>, Vec<Role>) {
+    let mut roles = vec![Role::default()];
+    let mut known = HashMap::new();
+    let (mut last, mut last_role) = (([0; 4], 0), 0);
+    let bins = table.entries().iter().zip(table.emphases()).map(|(&entry, &emphasis)| {
+        // Most bins are as the one before.
+        if entry[3] > 0 && (entry, emphasis) != last {
+            last = (entry, emphasis);
+            last_role = *known.entry(last).or_insert_with(|| {
+                roles.push(Role::new(entry, emphasis));
+                roles.len() as u32 - 1
+            });
+        }
+        if entry[3] > 0 { last_role } else { 0 }
+    });
+    (bins.collect(), roles)
 }
 
 impl Role {

@@ -30,29 +30,48 @@ impl Shape {
     /// How far a place lies inside the outline, in shares of the rectangle; negative outside.
     #[must_use]
     pub fn depth(&self, [x, y]: [f32; 2]) -> f32 {
+        let mut depth = [0.0];
+        self.depths(&[x], y, &mut depth);
+        depth[0]
+    }
+
+    /// The same for many places on a level.
+    pub fn depths(&self, xs: &[f32], y: f32, depths: &mut [f32]) {
+        let places = xs.iter().zip(depths.iter_mut());
         match self {
-            Self::Box => x.min(1.0 - x).min(y).min(1.0 - y),
-            Self::Ellipse => 0.5 * (1.0 - (2.0 * x - 1.0).hypot(2.0 * y - 1.0)),
-            Self::Triangle | Self::Polygon(_) => polygon_depth(self.corners(), [x, y]),
+            Self::Box => places.for_each(|(x, depth)| *depth = x.min(1.0 - x).min(y).min(1.0 - y)),
+            Self::Ellipse => places.for_each(|(x, depth)| {
+                *depth = 0.5 * (1.0 - squared_length(2.0 * x - 1.0, 2.0 * y - 1.0).sqrt());
+            }),
+            Self::Triangle | Self::Polygon(_) => polygon_depths(self.corners(), xs, y, depths),
         }
     }
 }
 
-/// The distance to the nearest side, negative outside.
-fn polygon_depth(corners: &[[f32; 2]], [x, y]: [f32; 2]) -> f32 {
-    let (mut is_inside, mut nearest) = (false, f32::INFINITY);
-    let ends = corners.iter().zip(corners.iter().cycle().skip(1));
-    for (&[x0, y0], &[x1, y1]) in ends {
-        // A ray to the right crosses the side.
-        if (y0 > y) != (y1 > y) && x < x0 + (y - y0) / (y1 - y0) * (x1 - x0) {
-            is_inside = !is_inside;
-        }
+/// The distances to the nearest side, negative outside.
+fn polygon_depths(corners: &[[f32; 2]], xs: &[f32], y: f32, depths: &mut [f32]) {
+    // The square of the distance, negative outside, until all sides are known.
+    depths.fill(f32::NEG_INFINITY);
+    for (&[x0, y0], &[x1, y1]) in corners.iter().zip(corners.iter().cycle().skip(1)) {
         let (dx, dy) = (x1 - x0, y1 - y0);
-        let squared = dx * dx + dy * dy;
-        let along = if squared > 0.0 { (((x - x0) * dx + (y - y0) * dy) / squared).clamp(0.0, 1.0) } else { 0.0 };
-        nearest = nearest.min((x - x0 - along * dx).hypot(y - y0 - along * dy));
+        let squared = squared_length(dx, dy);
+        let per_square = if squared > 0.0 { 1.0 / squared } else { 0.0 };
+        // A ray to the right crosses the side if it begins before this.
+        let crossing = if (y0 > y) != (y1 > y) { x0 + (y - y0) / dy * dx } else { f32::NEG_INFINITY };
+        for (x, depth) in xs.iter().zip(depths.iter_mut()) {
+            let along = (((x - x0) * dx + (y - y0) * dy) * per_square).clamp(0.0, 1.0);
+            let square = squared_length(x - x0 - along * dx, y - y0 - along * dy).min(depth.abs());
+            let side = if *x < crossing { -*depth } else { *depth };
+            *depth = square.copysign(side);
+        }
     }
-    if is_inside { nearest } else { -nearest }
+    for depth in depths {
+        *depth = depth.abs().sqrt().copysign(*depth);
+    }
+}
+
+fn squared_length(x: f32, y: f32) -> f32 {
+    x * x + y * y
 }
 
 #[cfg(test)]
