@@ -15,12 +15,12 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::gpu_or_skip;
-use voxrole_viewer::state::{Camera, EmphasisKind};
+use voxrole_viewer::state::{Camera, EmphasisKind, Integration, Shape};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::ui::refinement::Detail;
 use voxrole_viewer::ui::{ViewerWindow, theme, window_ui};
-use voxrole_viewer::{Gpu, Renderer, Target, VolumeTexels};
+use voxrole_viewer::{Gpu, Renderer, Target, ViewState, VolumeTexels};
 
 const HISTOGRAM: &str = "Histogram of value and gradient magnitude at the hit";
 /// Seconds between two passes of the window.
@@ -150,6 +150,31 @@ fn a_window_at_rest_draws_nothing() {
     assert_eq!(harness.state().preview.pictures(), pictures);
     let delay = harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
     assert_eq!(delay, std::time::Duration::MAX, "no further pass is asked for");
+}
+
+#[test]
+fn every_knob_redraws_within_two_frames() {
+    let Some(mut harness) = open() else { return };
+    let knobs: [(&str, fn(&mut ViewState)); 12] = [
+        ("color", |view| view.transfer_function.regions[0].color = [0.1, 0.9, 0.4]),
+        ("value", |view| view.transfer_function.regions[0].value[1] *= 0.9),
+        ("shape", |view| view.transfer_function.regions[0].shape = Shape::Ellipse),
+        ("opacity by distance", |view| view.transfer_function.emphasis.high.d_c *= 0.7),
+        ("curve", |view| view.transfer_function.curve = "0,ff0000,0.1;1,00ff00,0.2".parse().expect("a curve")),
+        ("camera", |view| view.camera.orbit(5.0, 3.0)),
+        ("crop", |view| view.clipping.crop = "4:,:,:20".parse().expect("a crop")),
+        ("plane", |view| view.clipping.planes.push("20,10,0.2".parse().expect("a plane"))),
+        ("light", |view| view.render_settings.light.azimuth += 20.0),
+        ("shading", |view| view.render_settings.shading.specular = 0.5),
+        ("integration", |view| view.render_settings.integration = Integration::PostClassified),
+        ("background", |view| view.render_settings.background = [0.5; 3]),
+    ];
+    for (name, turn) in knobs {
+        let pictures = harness.state().preview.pictures();
+        turn(&mut harness.state_mut().view);
+        (0..2).for_each(|_| harness.step());
+        assert!(harness.state().preview.pictures() > pictures, "{name}");
+    }
 }
 
 #[test]
