@@ -49,7 +49,7 @@ pub fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> Picture {
 #[must_use]
 pub fn draw_on_gpu(gpu: &Gpu, volume: &VolumeTexels, state: &ViewState) -> Picture {
     let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
-    Renderer::new(gpu, volume).expect("a renderer").draw(state, &target);
+    Renderer::new(gpu, volume).expect("a renderer").draw(state, &target).expect("is drawn");
     target.read_back(gpu).expect("a picture")
 }
 

@@ -72,7 +72,7 @@ impl<'a> Drawing<'a> {
             Self::Gpu(on_gpu) => {
                 let OnGpu { gpu, renderer, target, state } = &mut **on_gpu;
                 state.camera = *camera;
-                renderer.draw(state, target);
+                renderer.draw(state, target)?;
                 Ok(Drawn { picture: target.read_back(gpu)?, light: None, samples: None })
             }
         }

@@ -293,7 +293,7 @@ fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_una
     assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
     let gpu = Gpu::new().expect("opened before");
     let target = Target::new(&gpu, [120, 90]).expect("fits");
-    Renderer::new(&gpu, &texels()).expect("fits").draw(&view, &target);
+    Renderer::new(&gpu, &texels()).expect("fits").draw(&view, &target).expect("is drawn");
     let expected = target.read_back(&gpu).expect("a picture");
     assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
 }

@@ -1,10 +1,12 @@
-//! The GPU ray marcher: device and state in, picture out. The window and the picture file share it.
+//! Rays and slices on the GPU: device and state in, picture out. The window and the picture file share it.
 
 pub mod gpu;
 mod lookup_textures;
+mod proxy_geometry;
 mod ray_march;
 mod renderer;
 mod shader;
+mod slicing;
 pub mod target;
 mod uniforms;
 mod volume_textures;

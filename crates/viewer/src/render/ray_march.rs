@@ -55,6 +55,11 @@ impl RayMarch {
         Self { pipeline: pipeline(gpu, &layout), layout, uniforms }
     }
 
+    /// The layout of what [`Self::bind`] gives.
+    pub fn layout(&self) -> &BindGroupLayout {
+        &self.layout
+    }
+
     /// Binds a volume and what is made of it.
     pub fn bind(&self, gpu: &Gpu, volume: &TextureView, lookup_textures: &LookupTextures) -> BindGroup {
         let [opacity_table, occupancy, emphases, emphasis_table, preintegration] = lookup_textures.views();

@@ -171,7 +171,7 @@ impl Preview {
     pub fn picture(&mut self, view: &ViewState) -> Result<Picture> {
         let gpu = self.renderer.gpu().clone();
         let target = Target::new(&gpu, view.render_settings.image_size)?;
-        self.renderer.draw(view, &target);
+        self.renderer.draw(view, &target)?;
         target.read_back(&gpu)
     }
 
@@ -211,7 +211,7 @@ impl Preview {
         state.render_settings.step *= partial.detail.step_factor;
         let end = (partial.rows + rows).min(partial.height());
         let start = Instant::now();
-        self.renderer.draw_rows(&state, &partial.target, partial.rows..end);
+        self.renderer.draw_rows(&state, &partial.target, partial.rows..end)?;
         // Waited for, because the window waits for its picture anyway, and so that the time is the device's.
         let gpu = self.renderer.gpu();
         gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| Error::Device {

@@ -1,6 +1,7 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
-/// The whole module: vertex entry point `vertex_main`, fragment entry point `fragment_main`.
+/// The whole module: entry points `vertex_main` and `fragment_main` for rays; `slice_vertex` and `slice_fragment` for slices, and
+/// `slices_over_background` for what they come to.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
@@ -9,6 +10,7 @@ pub const SOURCE: &str = concat!(
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
     include_str!("compositing.wgsl"),
+    include_str!("slicing.wgsl"),
 );
 
 #[cfg(test)]
@@ -22,8 +24,9 @@ mod tests {
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
+    use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 7] = [
+    const CHUNKS: [(&str, &str); 8] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -31,6 +34,7 @@ mod tests {
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
+        ("slicing", include_str!("slicing.wgsl")),
     ];
 
     #[test]
@@ -56,6 +60,8 @@ mod tests {
         assert!(SOURCE.contains(&format!("const INTERVALS: f32 = {INTERVALS:?}.0;")));
         assert!(SOURCE.contains(&format!("const MOST_PLANES: u32 = {MOST_PLANES}u;")));
         assert!(SOURCE.contains(&format!("const FACE_DEPTH: f32 = {FACE_DEPTH:?};")));
+        assert!(SOURCE.contains(&format!("const NEAR: f32 = {NEAR:?};")));
+        assert!(SOURCE.contains(&format!("const SLACK: f32 = {SLACK:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
