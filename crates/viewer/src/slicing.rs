@@ -175,3 +175,94 @@ impl Samples {
         ((place - self.start) / self.step).floor().max(count + 1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
+
+    use super::*;
+    use crate::ViewState;
+    use crate::classify::EmphasisTable;
+    use crate::state::{Camera, CameraPreset, Projection};
+    use crate::volume::VolumeDescription;
+
+    fn frame(technique: Technique, camera: Camera, dims: [u32; 3], step: f32) -> Frame {
+        let geometry = GridGeometry::axis_aligned(dims, [1.0, 2.0, 3.0]);
+        let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
+        let volume = VolumeDescription::new(&geometry, 15.0, [0.0, 1.0], hit_gradient);
+        let mut state = ViewState { camera, ..ViewState::default() };
+        state.render_settings.technique = technique;
+        state.render_settings.step = step;
+        state.clipping.planes = vec!["40,10,0.3".parse().expect("a plane")];
+        Frame::new(&state, &volume, &EmphasisTable::new(&state.transfer_function), [32, 24])
+    }
+
+    fn samples_of(samples: &Samples) -> Vec<Sample> {
+        (0..).map_while(|count| samples.at(count as f32)).collect()
+    }
+
+    #[test]
+    fn slices_stand_for_all_of_a_ray_that_meets_any() {
+        for technique in [Technique::Slices, Technique::Stacks] {
+            for (zoom, projection) in
+                [(1.0, Projection::Perspective), (8.0, Projection::Perspective), (1.0, Projection::Orthographic)]
+            {
+                for (azimuth, elevation) in [(0.0, 0.0), (30.0, 20.0), (170.0, -60.0)] {
+                    let camera = Camera { azimuth, elevation, zoom, projection, ..Camera::default() };
+                    let frame = frame(technique, camera, [20, 12, 9], 0.3);
+                    let mut met = 0;
+                    for pixel in 0..32 * 24 {
+                        let ray = frame.ray(pixel % 32, pixel / 32);
+                        let interval = frame.interval(&ray);
+                        let samples = Samples::new(&frame, &ray, &interval, 0.5);
+                        let found = samples_of(&samples);
+                        assert_eq!(found.len() as u64, samples.count());
+                        let Some(first) = found.first() else { continue };
+                        met += 1;
+                        // Without a gap from one to the next.
+                        let mut end = interval.entry;
+                        for sample in &found {
+                            assert!((sample.along - 0.5 * sample.step - end).abs() < 1e-3, "{sample:?} after {end}");
+                            assert!(sample.half_step <= 0.5 * sample.step && sample.step > 0.0);
+                            end = sample.along + 0.5 * sample.step;
+                        }
+                        assert!((end - interval.exit).abs() < 1e-3 && first.along >= interval.entry);
+                    }
+                    assert!(met > 40, "{technique:?} {camera}: {met} rays");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn stacks_hold_the_voxels_planes() {
+        // 3 voxel spacings along z, in steps of at most 1.25: two planes between.
+        let frame = frame(Technique::Stacks, Camera::from_preset(CameraPreset::Top), [20, 12, 9], 1.25);
+        let slicing = frame.slicing.expect("slices");
+        assert_eq!(slicing.growth, Vec3::Z);
+        for plane in 0..9 {
+            let number = slicing.number(Vec3::new(3.0, 5.0, 3.0 * plane as f32));
+            assert_eq!(number - number.floor(), 0.5);
+        }
+    }
+
+    #[test]
+    fn a_slice_goes_through_a_volume_of_one_voxel_s_thickness() {
+        for technique in [Technique::Slices, Technique::Stacks] {
+            let camera = Camera { projection: Projection::Orthographic, ..Camera::from_preset(CameraPreset::Top) };
+            let frame = frame(technique, camera, [20, 12, 1], 16.0);
+            let ray = frame.ray(16, 12);
+            let samples = samples_of(&Samples::new(&frame, &ray, &frame.interval(&ray), 0.5));
+            assert_eq!(samples.len(), 1, "{samples:?}");
+            assert!((samples[0].step - 3.0).abs() < 1e-3, "{samples:?}");
+        }
+    }
+
+    #[test]
+    fn what_leaps_does_not_depend_on_the_camera_s_angles() {
+        for technique in Technique::ALL {
+            let reach = |azimuth| frame(technique, Camera { azimuth, ..Camera::default() }, [20, 12, 9], 0.25).reach;
+            assert!((0..90).all(|angle| reach(angle as f32 * 4.1) == reach(0.0)), "{technique:?}");
+        }
+    }
+}

@@ -162,3 +162,32 @@ fn rows_drawn_in_parts_are_those_of_the_whole() {
         assert!(target.read_back(&gpu).expect("a picture") == draw_on_gpu(&gpu, &volume, &state), "{technique:?}");
     }
 }
+
+/// The same adapter, opened as one that cannot blend numbers of single precision.
+fn without_single_precision() -> Option<Gpu> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let adapter = adapters.first()?;
+    let required_features = wgpu::Features::empty();
+    let descriptor = wgpu::DeviceDescriptor { required_features, ..Gpu::device_descriptor(adapter) };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).expect("a device");
+    Some(Gpu::from_parts(adapter, device, queue))
+}
+
+#[test]
+fn devices_that_blend_in_half_precision_draw_slices_too() {
+    let Some(gpu) = without_single_precision() else { return };
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    let mut state = phantom.state(Camera::default());
+    // What many faint slices add is less than the last place of a half.
+    for (emphasis, limit) in [("concave,1,3,3", 4), ("linear,0.1,15", 12)] {
+        state.transfer_function.emphasis = emphasis.parse().expect("an emphasis");
+        for technique in [Technique::Slices, Technique::Stacks] {
+            state.render_settings.technique = technique;
+            let (rmse, most) = difference(&draw_on_cpu(&volume, &state), &draw_on_gpu(&gpu, &volume, &state));
+            println!("{emphasis} {technique:?}: rmse {rmse:.3}/255, largest {most}/255");
+            assert!(most <= limit, "{emphasis} {technique:?}: {rmse} {most}");
+        }
+    }
+}
