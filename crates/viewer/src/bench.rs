@@ -13,7 +13,7 @@ use crate::args::BenchArgs;
 use crate::headless::{state, write};
 use crate::open::open_or_prepare;
 use crate::reference::{RayMarcher, SampleCounts};
-use crate::state::{Integration, ViewState};
+use crate::state::{Integration, Technique, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{LightPicture, Picture};
 
@@ -21,18 +21,19 @@ use crate::{LightPicture, Picture};
 const REFERENCE_STEP: f32 = 1.0 / 64.0;
 /// The steps that are measured.
 const STEPS: [f32; 6] = [2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
-/// How a sample stands for its step, and what that is called.
-const INTEGRATIONS: [(Integration, &str); 2] =
-    [(Integration::Preintegrated, "pre: integrated along the step"), (Integration::PostClassified, "post: its middle")];
+/// How a sample stands for its step.
+const INTEGRATIONS: [Integration; 2] = [Integration::Preintegrated, Integration::PostClassified];
 /// Pixels to the right and down where no size is given.
 const SIZE: [u32; 2] = [256; 2];
 
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
+    /// Where the volume was sampled.
+    pub technique: Technique,
     /// How samples stand for steps.
     pub integration: Integration,
-    /// The step in multiples of `L_min`.
+    /// The step, or the distance between slices, in multiples of `L_min`.
     pub step: f32,
     /// Root-mean-square difference from the reference over all pixels and channels, in 1/255.
     pub error: f64,
@@ -73,13 +74,14 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     print(&text(&rows)).context("writing to standard output")
 }
 
-/// Measures every step, with opacity integrated along it and without.
+/// Measures every technique and step, with opacity integrated along it and without; the reference is made of rays.
 ///
 /// # Errors
 /// [`crate::Error::PictureSize`]; an error too when nothing is visible.
 pub fn measure(volume: &VolumeTexels, state: &ViewState) -> anyhow::Result<Vec<Row>> {
-    let draw = |integration, step, termination_opacity| {
+    let draw = |technique, integration, step, termination_opacity| {
         let mut state = state.clone();
+        state.render_settings.technique = technique;
         state.render_settings.integration = integration;
         state.render_settings.step = step;
         state.render_settings.termination_opacity = termination_opacity;
@@ -89,7 +91,7 @@ pub fn measure(volume: &VolumeTexels, state: &ViewState) -> anyhow::Result<Vec<R
         Ok::<_, crate::Error>((light, samples, start.elapsed().as_secs_f64()))
     };
     tell("voxrole-view: drawing the reference with a step of 1/64");
-    let (reference, ..) = draw(Integration::PostClassified, REFERENCE_STEP, 1.0)?;
+    let (reference, ..) = draw(Technique::Rays, Integration::PostClassified, REFERENCE_STEP, 1.0)?;
     let background = Some(glam::Vec3::from_array(state.render_settings.background));
     let truth = reference.picture(background);
     ensure!(
@@ -97,18 +99,26 @@ pub fn measure(volume: &VolumeTexels, state: &ViewState) -> anyhow::Result<Vec<R
         "nothing is visible: there is nothing to measure"
     );
     let mut rows = Vec::new();
-    for (integration, _) in INTEGRATIONS {
+    for (technique, integration) in all_series() {
         for step in STEPS {
-            let (light, samples, seconds) = draw(integration, step, state.render_settings.termination_opacity)?;
+            let termination_opacity = state.render_settings.termination_opacity;
+            let (light, samples, seconds) = draw(technique, integration, step, termination_opacity)?;
             let largest = largest_difference(&light.picture(background), &truth);
-            rows.push(Row { integration, step, error: rms(&light, &reference), largest, seconds, samples });
+            let error = rms(&light, &reference);
+            rows.push(Row { technique, integration, step, error, largest, seconds, samples });
         }
     }
     Ok(rows)
 }
 
-/// Root-mean-square difference of colour and opacity, in 1/255.
-fn rms(a: &LightPicture, b: &LightPicture) -> f64 {
+/// What is measured at every step.
+fn all_series() -> impl Iterator<Item = (Technique, Integration)> {
+    Technique::ALL.into_iter().flat_map(|technique| INTEGRATIONS.map(|integration| (technique, integration)))
+}
+
+/// Root-mean-square difference of colour and opacity of two pictures of one size, in 1/255.
+#[must_use]
+pub fn rms(a: &LightPicture, b: &LightPicture) -> f64 {
     let squares = a.pixels.iter().zip(&b.pixels).map(|(a, b)| f64::from((a.light - b.light).length_squared()));
     255.0 * (squares.sum::<f64>() / (4 * a.pixels.len()) as f64).sqrt()
 }
@@ -125,23 +135,26 @@ fn name(integration: Integration) -> &'static str {
 }
 
 fn csv(rows: &[Row]) -> String {
-    let mut text = String::from("integration,step,rmse_of_255,largest_of_255,seconds,samples,samples_along_all_rays\n");
-    for Row { integration, step, error, largest, seconds, samples } in rows {
+    let mut text =
+        String::from("technique,integration,step,rmse_of_255,largest_of_255,seconds,samples,samples_along_all_rays\n");
+    for Row { technique, integration, step, error, largest, seconds, samples } in rows {
         let SampleCounts { taken, all } = samples;
+        let (technique, name) = (technique.name(), name(*integration));
         // Writing to a string does not fail.
-        let _ = writeln!(text, "{},{step},{error:.6},{largest},{seconds:.4},{taken},{all}", name(*integration));
+        let _ = writeln!(text, "{technique},{name},{step},{error:.6},{largest},{seconds:.4},{taken},{all}");
     }
     text
 }
 
 fn text(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:12} {:>7} {:>10} {:>8} {:>9} {:>12}\n",
-        "integration", "step", "rms/255", "most/255", "seconds", "samples"
+        "{:9} {:11} {:>7} {:>10} {:>8} {:>9} {:>12}\n",
+        "technique", "integration", "step", "rms/255", "most/255", "seconds", "samples"
     );
-    for Row { integration, step, error, largest, seconds, samples } in rows {
-        let (name, taken) = (name(*integration), samples.taken);
-        let _ = writeln!(text, "{name:12} {step:>7} {error:>10.4} {largest:>8} {seconds:>9.3} {taken:>12}");
+    for Row { technique, integration, step, error, largest, seconds, samples } in rows {
+        let (technique, name, taken) = (technique.name(), name(*integration), samples.taken);
+        let _ =
+            writeln!(text, "{technique:9} {name:11} {step:>7} {error:>10.4} {largest:>8} {seconds:>9.3} {taken:>12}");
     }
     text
 }
@@ -155,10 +168,13 @@ fn by_time(rows: &[Row], subtitle: &str) -> Chart {
 }
 
 fn chart(rows: &[Row], title: &str, subtitle: &str, x: &str, place: impl Fn(&Row) -> f64) -> Chart {
-    let series = INTEGRATIONS.into_iter().enumerate().map(|(index, (integration, name))| {
-        let points = rows.iter().filter(|row| row.integration == integration);
+    let series = all_series().map(|(technique, integration)| {
+        let points = rows.iter().filter(|row| (row.technique, row.integration) == (technique, integration));
         let points = points.map(|row| Point { place: [place(row), row.error], ..Point::default() });
-        Series { name: name.into(), points: points.collect(), line: Line::Solid, style: SeriesStyle::nth(index) }
+        // A colour and a shape for each technique; what is not integrated is dashed.
+        let style = SeriesStyle::nth(technique as usize);
+        let line = if integration == Integration::Preintegrated { Line::Solid } else { Line::Dashed };
+        Series { name: format!("{}, {}", technique.name(), name(integration)), points: points.collect(), line, style }
     });
     let axis = |title: &str| ChartAxis { title: title.into(), scale: AxisScale::Log };
     Chart {

@@ -7,6 +7,7 @@ use glam::{Mat3, Vec2, Vec3, Vec4};
 use voxrole_pack::DistanceQuantization;
 
 use crate::classify::EmphasisTable;
+use crate::slicing::Slicing;
 use crate::state::{Camera, CameraPreset, ClipPlane, Clipping, Integration, Projection, Shading, ViewAxes, ViewState};
 use crate::volume::VolumeDescription;
 
@@ -29,9 +30,11 @@ pub struct Frame {
     pub plane_count: u32,
     /// The rays of all pixels.
     pub rays: PixelRays,
+    /// Slices that are drawn in place of rays.
+    pub slicing: Option<Slicing>,
     /// Distance between samples along a ray.
     pub step: f32,
-    /// Half of it where opacity is integrated along it; 0 where its middle counts for all of it.
+    /// Half of it where opacity is integrated along it, for slices as much as that may be; 0 where its middle counts for all of it.
     pub half_step: f32,
     /// Whether every ray has its own place within the first step: see [`Self::first_sample`].
     pub jitter: bool,
@@ -111,6 +114,9 @@ impl Frame {
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
         let step = within(settings.step, Self::STEP_RANGE, 0.25);
         let texel_spacing = Vec3::from_array(volume.texel_spacing());
+        let rays = pixel_rays(&state.camera, &view, box_low, box_high, image_size);
+        let slicing = Slicing::new(settings.technique, &rays, [box_low, box_high], texel_spacing, step);
+        let half_step = slicing.map_or(0.5 * step, |slicing| slicing.longest_half_step);
         let planes = planes(&state.clipping, volume, [box_low, box_high]);
         let mut all_planes = [Vec4::ZERO; MOST_PLANES];
         all_planes[..planes.len()].copy_from_slice(&planes);
@@ -122,13 +128,14 @@ impl Frame {
             box_high,
             planes: all_planes,
             plane_count: planes.len() as u32,
-            rays: pixel_rays(&state.camera, &view, box_low, box_high, image_size),
+            rays,
+            slicing,
             step,
-            half_step: if settings.integration == Integration::Preintegrated { 0.5 * step } else { 0.0 },
+            half_step: if settings.integration == Integration::Preintegrated { half_step } else { 0.0 },
             jitter: settings.jitter,
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
             distance_scale: volume.d_max_in_spacings() / steps,
-            reach: (emphases.largest_d_c() + texel_spacing.length() + 0.5 * step) * 1.001,
+            reach: (emphases.largest_d_c() + texel_spacing.length() + half_step) * 1.001,
             light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
             shading: settings.shading,
             background: Vec3::from_array(settings.background),

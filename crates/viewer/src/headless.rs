@@ -34,6 +34,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let named = || arguments.file.display().to_string();
     let mut state = state(reader, &arguments.view).with_context(named)?;
     let settings = &mut state.render_settings;
+    settings.technique = arguments.technique.unwrap_or(settings.technique);
     settings.step = arguments.step.unwrap_or(settings.step);
     settings.integration = arguments.integration.unwrap_or(settings.integration);
     settings.jitter |= arguments.jitter;

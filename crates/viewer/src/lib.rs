@@ -18,6 +18,7 @@ pub mod open;
 pub mod picture;
 pub mod reference;
 pub mod render;
+pub mod slicing;
 pub mod state;
 #[cfg(feature = "window")]
 pub mod ui;

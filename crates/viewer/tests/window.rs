@@ -15,7 +15,7 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::gpu_or_skip;
-use voxrole_viewer::state::{Camera, EmphasisKind, Integration, Shape};
+use voxrole_viewer::state::{Camera, EmphasisKind, Integration, Shape, Technique};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::ui::refinement::Detail;
@@ -348,4 +348,19 @@ fn a_region_and_a_side_can_have_an_emphasis_of_their_own() {
     harness.get_by_label("Region 1 has its own").click();
     settle(&mut harness);
     assert_eq!(harness.state().view.transfer_function.regions[0].emphasis, None);
+}
+
+#[test]
+fn techniques_are_chosen_by_a_click_and_refined_in_parts() {
+    let Some(mut harness) = open() else { return };
+    for (name, technique) in [("slices", Technique::Slices), ("stacks", Technique::Stacks), ("rays", Technique::Rays)] {
+        let pictures = harness.state().preview.pictures();
+        harness.get_by_label(name).click();
+        settle(&mut harness);
+        let ViewerWindow { view, preview, .. } = harness.state();
+        assert_eq!((view.render_settings.technique, preview.error()), (technique, None));
+        // A draft, and one finer picture at least.
+        assert!(preview.pictures() > pictures + 1, "{name}: {} pictures", preview.pictures() - pictures);
+        assert_eq!(preview.last().expect("is drawn").detail, Detail::FULL);
+    }
 }

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
+use crate::slicing::Samples;
 use crate::state::{Camera, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
@@ -75,15 +76,21 @@ impl<'a> RayMarcher<'a> {
         let table = OpacityTable::new(&state.transfer_function, description.value_range, description.hit_gradient);
         let roles = Roles::new(&table, &state.transfer_function);
         let frame = Frame::new(state, description, roles.emphases(), image_size);
-        let leaps = state.render_settings.leaps;
-        let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
+        let occupancy = occupancy(volume, state, &table, &frame);
         Ok(Self { volume, state: state.clone(), roles, frame, occupancy })
     }
 
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        self.frame = Frame::new(&self.state, &self.volume.description, self.roles.emphases(), self.frame.image_size);
+        let (description, reach) = (&self.volume.description, self.frame.reach);
+        self.frame = Frame::new(&self.state, description, self.roles.emphases(), self.frame.image_size);
+        // Slices stand for longer ways where the angle of view is wider.
+        if self.frame.reach != reach {
+            let transfer_function = &self.state.transfer_function;
+            let table = OpacityTable::new(transfer_function, description.value_range, description.hit_gradient);
+            self.occupancy = occupancy(self.volume, &self.state, &table, &self.frame);
+        }
     }
 
     /// What camera, settings and volume come to.
@@ -127,7 +134,7 @@ impl<'a> RayMarcher<'a> {
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
         let sampler = self.sampler();
         let place = sampler.place(index * self.frame.spacing);
-        sampler.sample(place, Vec3::ZERO, &mut Cell::default())
+        sampler.sample(place, Vec3::ZERO, 0.0, &mut Cell::default())
     }
 
     fn sampler(&self) -> Sampler<'_> {
@@ -141,40 +148,49 @@ impl<'a> RayMarcher<'a> {
         let sampler = self.sampler();
         let mut cell = Cell::default();
         let leaping = LeapingRay::new(frame, ray);
-        let Interval { entry, exit, cut } = frame.interval(ray);
-        counts.all += ((exit - entry) / frame.step + (1.0 - first)).max(0.0) as u64;
+        let interval @ Interval { cut, .. } = frame.interval(ray);
+        let samples = Samples::new(frame, ray, &interval, first);
+        counts.all += samples.count();
         let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
-        let mut along = entry + first * frame.step;
         let mut count = 0.0;
-        while along < exit && sum.w <= frame.termination_opacity {
-            let place = sampler.place(ray.origin + along * ray.direction);
+        while let Some(sample) = samples.at(count) {
+            if sum.w > frame.termination_opacity {
+                break;
+            }
+            let place = sampler.place(ray.origin + sample.along * ray.direction);
             let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
                 // To the first sample beyond all that is known to be empty.
-                let beyond = ((leaping.leaves(place.0, empty) - entry) / frame.step).floor();
-                count = beyond.max(count + 1.0);
-                along = entry + (count + first) * frame.step;
+                count = samples.beyond(leaping.leaves(place.0, empty), count);
                 continue;
             }
             counts.taken += 1;
-            let sample = sampler.sample(place, ray.direction, &mut cell);
-            if sample.opacity > 0.0 {
-                let opacity = correct_opacity(sample.opacity, frame.step);
+            let role = sampler.sample(place, ray.direction, sample.half_step, &mut cell);
+            if role.opacity > 0.0 {
+                let opacity = correct_opacity(role.opacity, sample.step);
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
-                let is_on_face = count == 0.0 || along - entry <= FACE_DEPTH;
-                let normal = if is_on_face && cut != Vec3::ZERO { cut } else { sample.normal };
-                let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
+                let lit_by = |normal| shade(role.color, normal, -ray.direction, frame.light, &frame.shading);
+                let face = if cut == Vec3::ZERO { 0.0 } else { samples.share_of_face(count, &sample) };
+                let color = match face {
+                    0.0 => lit_by(role.normal),
+                    1.0 => lit_by(cut),
+                    _ => lit_by(role.normal).lerp(lit_by(cut), face),
+                };
                 sum += (1.0 - sum.w) * opacity * color.extend(1.0);
                 if depth.is_nan() && sum.w >= 0.5 {
-                    depth = along;
+                    depth = sample.along;
                 }
             }
             // Not a running sum, whose rounding errors would add up.
             count += 1.0;
-            along = entry + (count + first) * frame.step;
         }
         PixelLight { light: sum, depth }
     }
+}
+
+/// Where something can be drawn; `None` where rays are not to leap.
+fn occupancy(volume: &VolumeTexels, state: &ViewState, table: &OpacityTable, frame: &Frame) -> Option<Occupancy> {
+    state.render_settings.leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), table, frame))
 }
 
 /// A row of pixels, with the processor's own instructions; the bits are the same with any.

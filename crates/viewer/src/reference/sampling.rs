@@ -35,6 +35,7 @@ pub struct RoleSample {
 /// The cell that the last samples of a ray lay in: successive ones often share it.
 pub struct Cell {
     base: UVec3,
+    half_step: f32,
     values: [f32; 8],
     /// Those of its corners that can be drawn somewhere in it, [`Self::count`] of them.
     corners: [Corner; 8],
@@ -44,7 +45,7 @@ pub struct Cell {
 impl Default for Cell {
     /// None that a place lies in.
     fn default() -> Self {
-        Self { base: UVec3::MAX, values: [0.0; 8], corners: [Corner::default(); 8], count: 0 }
+        Self { base: UVec3::MAX, half_step: 0.0, values: [0.0; 8], corners: [Corner::default(); 8], count: 0 }
     }
 }
 
@@ -93,11 +94,18 @@ impl<'a> Sampler<'a> {
     }
 
     /// The sample at a place that [`Self::place`] gave, for a step along `direction`, which is that of all samples that `cell` was
-    /// used for.
+    /// used for, over `half_step` to either side; that is 0 where the place counts for all of it.
     #[must_use]
     #[inline(always)]
-    pub fn sample(&self, (base, fraction): (UVec3, Vec3), direction: Vec3, cell: &mut Cell) -> RoleSample {
-        if cell.base != base {
+    pub fn sample(
+        &self,
+        (base, fraction): (UVec3, Vec3),
+        direction: Vec3,
+        half_step: f32,
+        cell: &mut Cell,
+    ) -> RoleSample {
+        if cell.base != base || cell.half_step != half_step {
+            cell.half_step = half_step;
             self.enter(cell, base, direction);
         }
         if cell.count == 0 { RoleSample::default() } else { self.sample_cell(cell, fraction) }
@@ -124,7 +132,7 @@ impl<'a> Sampler<'a> {
             }
             let normal = self.all_normals[usize::from(texel[3])];
             let growth = normal * self.frame.spacing;
-            let half = normal.dot(direction).abs() * self.frame.half_step;
+            let half = normal.dot(direction).abs() * cell.half_step;
             cell.corners[cell.count] = Corner {
                 index,
                 row: row * VALUE_BINS,

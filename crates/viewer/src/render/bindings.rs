@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
-    BindingResource, BindingType, Buffer, BufferBindingType, BufferDescriptor, BufferUsages, Color, ColorTargetState,
-    ColorWrites, CommandEncoderDescriptor, FragmentState, LoadOp, MultisampleState, Operations,
+    BindingResource, BindingType, BlendState, Buffer, BufferBindingType, BufferDescriptor, BufferUsages, Color,
+    ColorTargetState, ColorWrites, CommandEncoderDescriptor, FragmentState, LoadOp, MultisampleState, Operations,
     PipelineCompilationOptions, PipelineLayoutDescriptor, PrimitiveState, RenderPassColorAttachment,
     RenderPassDescriptor, RenderPipeline, RenderPipelineDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages,
-    StoreOp, TextureFormat, TextureSampleType, TextureView, TextureViewDimension, VertexState,
+    StoreOp, TextureFormat, TextureSampleType, TextureView, TextureViewDimension, VertexBufferLayout, VertexState,
 };
 
 use super::gpu::Gpu;
@@ -95,19 +95,20 @@ impl Bindings {
             constants: &[("HAS_BRICKS", f64::from(u8::from(pass.has_bricks)))],
             ..PipelineCompilationOptions::default()
         };
+        let (vertex_entry_point, buffers) = pass.vertices;
         let targets: Vec<_> = pass
             .formats
             .iter()
-            .map(|&format| Some(ColorTargetState { format, blend: None, write_mask: ColorWrites::ALL }))
+            .map(|&format| Some(ColorTargetState { format, blend: pass.blend, write_mask: ColorWrites::ALL }))
             .collect();
         gpu.device.create_render_pipeline(&RenderPipelineDescriptor {
             label: Some(pass.entry_point),
             layout: Some(&layout),
             vertex: VertexState {
                 module: &module,
-                entry_point: Some("vertex_main"),
+                entry_point: Some(vertex_entry_point),
                 compilation_options: compilation_options.clone(),
-                buffers: &[],
+                buffers,
             },
             primitive: PrimitiveState::default(),
             depth_stencil: None,
@@ -124,8 +125,10 @@ impl Bindings {
     }
 }
 
-/// A pass of one triangle over what is drawn into.
+/// How a pass draws.
 pub struct Pass<'a> {
+    /// The vertices' entry point, and what they are made of.
+    pub vertices: (&'a str, &'a [Option<VertexBufferLayout<'a>>]),
     /// The fragments'.
     pub entry_point: &'a str,
     /// Whether the volume is there brick by brick.
@@ -134,6 +137,15 @@ pub struct Pass<'a> {
     pub own: Option<&'a BindGroupLayout>,
     /// What is drawn into.
     pub formats: &'a [TextureFormat],
+    /// How that goes together with what is there.
+    pub blend: Option<BlendState>,
+}
+
+impl<'a> Pass<'a> {
+    /// One triangle over what is drawn into, whose pixels replace what is there, for a volume that is there as a whole.
+    pub fn new(entry_point: &'a str, formats: &'a [TextureFormat]) -> Self {
+        Self { vertices: ("vertex_main", &[]), entry_point, has_bricks: false, own: None, formats, blend: None }
+    }
 }
 
 pub(super) fn entry(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
@@ -144,7 +156,7 @@ pub(super) fn integer_texture(view_dimension: TextureViewDimension) -> BindingTy
     BindingType::Texture { sample_type: TextureSampleType::Uint, view_dimension, multisampled: false }
 }
 
-fn float_texture(view_dimension: TextureViewDimension) -> BindingType {
+pub(super) fn float_texture(view_dimension: TextureViewDimension) -> BindingType {
     let sample_type = TextureSampleType::Float { filterable: false };
     BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }

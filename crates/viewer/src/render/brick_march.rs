@@ -53,7 +53,7 @@ impl BrickMarch {
             ],
         });
         let pipeline = |entry_point, formats| {
-            bindings.pipeline(gpu, &Pass { entry_point, has_bricks: true, own: Some(&layout), formats })
+            bindings.pipeline(gpu, &Pass { has_bricks: true, own: Some(&layout), ..Pass::new(entry_point, formats) })
         };
         let (resume, finish) = (pipeline("fragment_resume", &FORMATS), pipeline("fragment_finish", &[Target::FORMAT]));
         Self { resume, finish, layout, strips: None }

@@ -53,7 +53,7 @@ impl Gpu {
         }
     }
 
-    /// What is asked of a device: no optional feature, and textures as large as the adapter has them.
+    /// What is asked of a device: textures as large as the adapter has them and, where it can blend them, those of f32.
     #[must_use]
     pub fn device_descriptor(adapter: &Adapter) -> DeviceDescriptor<'static> {
         let offered = adapter.limits();
@@ -63,7 +63,7 @@ impl Gpu {
         };
         DeviceDescriptor {
             label: Some("voxrole"),
-            required_features: Features::empty(),
+            required_features: adapter.features() & Features::FLOAT32_BLENDABLE,
             required_limits,
             experimental_features: ExperimentalFeatures::disabled(),
             memory_hints: MemoryHints::Performance,

@@ -1,13 +1,15 @@
-//! The GPU ray marcher: device and state in, picture out. The window and the picture file share it.
+//! Rays and slices on the GPU: device and state in, picture out. The window and the picture file share it.
 
 mod bindings;
 mod brick_atlas;
 mod brick_march;
 pub mod gpu;
 mod lookup_textures;
+mod proxy_geometry;
 mod ray_march;
 mod renderer;
 mod shader;
+mod slicing;
 pub mod target;
 mod uniforms;
 mod volume_textures;

@@ -14,8 +14,7 @@ pub struct RayMarch(RenderPipeline);
 impl RayMarch {
     /// Compiles the shaders.
     pub fn new(gpu: &Gpu, bindings: &Bindings) -> Self {
-        let pass = Pass { entry_point: "fragment_main", has_bricks: false, own: None, formats: &[Target::FORMAT] };
-        Self(bindings.pipeline(gpu, &pass))
+        Self(bindings.pipeline(gpu, &Pass::new("fragment_main", &[Target::FORMAT])))
     }
 
     /// Draws some rows of the target; the others stay as they are.

@@ -11,9 +11,10 @@ use super::brick_march::BrickMarch;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
 use super::ray_march::RayMarch;
+use super::slicing::SliceBlending;
 use super::target::Target;
 use super::uniforms::Uniforms;
-use super::volume_textures::VolumeTextures;
+use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
 use crate::classify::EmphasisTable;
 use crate::frame::Frame;
@@ -28,6 +29,8 @@ pub struct Renderer {
     emphases: Option<(TransferFunction, EmphasisTable)>,
     lookup_textures: LookupTextures,
     bindings: Bindings,
+    /// Once slices are asked for.
+    slice_blending: Option<SliceBlending>,
     bind_group: BindGroup,
     passes: Passes,
 }
@@ -66,7 +69,8 @@ impl Renderer {
             };
             let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures);
             let volume = volume.description.clone();
-            Self { gpu: gpu.clone(), volume, emphases: None, lookup_textures, bindings, bind_group, passes }
+            let (emphases, slice_blending) = (None, None);
+            Self { gpu: gpu.clone(), volume, emphases, lookup_textures, bindings, slice_blending, bind_group, passes }
         })
     }
 
@@ -104,7 +108,8 @@ impl Renderer {
     /// draw a slow picture in parts. May return before the device has finished.
     ///
     /// # Errors
-    /// [`crate::Error::Device`] when the device is lost while bricks are brought to it.
+    /// [`crate::Error::Device`] when the device refuses what slices need or is lost while bricks are brought to it,
+    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick.
     ///
     /// # Panics
     /// When `rows` reach beyond the target.
@@ -125,8 +130,19 @@ impl Renderer {
         match &mut self.passes {
             Passes::Whole(_, march) => {
                 self.bindings.set_uniforms(gpu, &uniforms);
-                march.draw_rows(gpu, &self.bind_group, target, rows);
-                Ok(())
+                let Some(slicing) = &frame.slicing else {
+                    march.draw_rows(gpu, &self.bind_group, target, rows);
+                    return Ok(());
+                };
+                let slice_blending = match self.slice_blending.take() {
+                    Some(slice_blending) => slice_blending,
+                    None => SliceBlending::new(gpu, &self.bindings)?,
+                };
+                let slice_blending = self.slice_blending.insert(slice_blending);
+                slice_blending.draw(gpu, &self.bind_group, (&frame, slicing), target, rows)
+            }
+            Passes::Bricks(_) if frame.slicing.is_some() => {
+                Err(too_large(gpu, "slices need all of it there; draw it with rays".into()))
             }
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;

@@ -39,6 +39,7 @@ pub struct Uniforms {
     plane_count: u32,
     jitter: u32,
     planes: [[f32; 4]; MOST_PLANES],
+    slicing: [f32; 4],
 }
 
 impl From<&Frame> for Uniforms {
@@ -75,6 +76,7 @@ impl From<&Frame> for Uniforms {
             plane_count: frame.plane_count,
             jitter: u32::from(frame.jitter),
             planes: frame.planes.map(|plane| plane.to_array()),
+            slicing: frame.slicing.map_or([0.0; 4], |slicing| slicing.growth.extend(slicing.offset).to_array()),
         }
     }
 }
@@ -145,6 +147,7 @@ mod tests {
             plane_count,
             jitter,
             planes,
+            slicing,
         );
         assert_eq!(found.as_slice(), expected);
         assert_eq!(size_of::<Uniforms>(), span as usize);

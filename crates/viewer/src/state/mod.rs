@@ -12,6 +12,7 @@ pub mod region;
 pub mod render_settings;
 pub mod session;
 pub mod shape;
+pub mod technique;
 pub mod transfer_function;
 
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,7 @@ pub use curve::{ControlPoint, Curve};
 pub use region::Region;
 pub use render_settings::{Integration, Light, RenderSettings, Shading};
 pub use shape::Shape;
+pub use technique::Technique;
 pub use transfer_function::TransferFunction;
 
 /// Everything that decides what a picture of one volume looks like.

@@ -3,6 +3,8 @@
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
+use super::Technique;
+
 /// What a sample says of the step that it stands for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 pub enum Integration {
@@ -21,11 +23,14 @@ pub enum Integration {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RenderSettings {
-    /// Distance between samples along a ray, in multiples of `L_min`; positive. A quarter leaves no visible rings.
+    /// Where the volume is sampled.
+    pub technique: Technique,
+    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. A quarter leaves no visible rings.
     pub step: f32,
     /// How samples stand for steps.
     pub integration: Integration,
-    /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and not as rings.
+    /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and not as rings;
+    /// slices lie where they lie.
     pub jitter: bool,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],
@@ -44,6 +49,7 @@ pub struct RenderSettings {
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
+            technique: Technique::default(),
             step: 0.25,
             integration: Integration::default(),
             jitter: false,

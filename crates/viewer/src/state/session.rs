@@ -90,7 +90,7 @@ written_as_typed!(ClipPlane, Crop, Curve, Region, TwoSidedEmphasis);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::{Integration, Projection};
+    use crate::state::{Integration, Projection, Technique};
 
     #[test]
     fn everything_survives_the_round_trip() {
@@ -104,11 +104,17 @@ mod tests {
         state.transfer_function.emphasis = "concave,1,3,5/linear,0.2,8".parse().expect("an emphasis");
         state.clipping.crop = "10:,:,:40.5".parse().expect("a crop");
         state.clipping.planes = vec!["30,20,0.1".parse().expect("a plane")];
+        state.render_settings.technique = Technique::Stacks;
         state.render_settings.integration = Integration::PostClassified;
         state.render_settings.image_size = [1, 16384];
         let text = state.to_toml().expect("is written");
         assert_eq!(ViewState::from_toml(&text), Ok(state), "{text}");
-        for line in ["zoom = 0.1", "crop = \"10:,:,:40.5\"", "emphasis = \"concave,1,3,5/linear,0.2,8,1\""] {
+        for line in [
+            "zoom = 0.1",
+            "technique = \"stacks\"",
+            "crop = \"10:,:,:40.5\"",
+            "emphasis = \"concave,1,3,5/linear,0.2,8,1\"",
+        ] {
             assert!(text.contains(line), "{line} is not in:\n{text}");
         }
     }

@@ -1,21 +1,27 @@
 //! How the picture is drawn: sampling, light, background.
 
-use egui::{Slider, Ui};
+use egui::{Checkbox, Slider, Ui};
 
 use super::form::{color_row, rows, slider_row};
-use crate::state::{Integration, RenderSettings};
+use crate::state::{Integration, RenderSettings, Technique};
 
 /// Smallest and largest step of the slider, in multiples of the smallest voxel spacing.
 const STEPS: std::ops::RangeInclusive<f32> = 0.0625..=2.0;
 
-/// Step, background, light and shading.
+/// Technique, step, background, light and shading.
 pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
+    ui.horizontal(|ui| {
+        for technique in Technique::ALL {
+            let choice = ui.selectable_value(&mut settings.technique, technique, technique.name());
+            choice.on_hover_text(explanation(technique));
+        }
+    });
     rows(ui, "render settings", |ui| {
         let step = Slider::new(&mut settings.step, STEPS).logarithmic(true).max_decimals(3);
         slider_row(
             ui,
             "step (voxels)",
-            "Distance between samples, in multiples of the smallest voxel spacing",
+            "Distance between samples or slices, in multiples of the smallest voxel spacing",
             true,
             step,
         );
@@ -32,11 +38,21 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
         color_row(ui, "background", &mut settings.background);
     });
     ui.checkbox(&mut settings.light.follows_camera, "light follows the camera");
-    let jitter = ui.checkbox(&mut settings.jitter, "jittered steps");
+    let has_jitter = settings.technique == Technique::Rays;
+    let jitter = ui.add_enabled(has_jitter, Checkbox::new(&mut settings.jitter, "jittered steps"));
     jitter.on_hover_text("Rays begin at places of their own: what long steps miss shows as grain, not as rings");
     let mut integrates = settings.integration == Integration::Preintegrated;
     let checkbox = ui.checkbox(&mut integrates, "opacity integrated along steps");
     if checkbox.on_hover_text("No boundary is missed between two samples; without, steps have to be short").changed() {
         settings.integration = if integrates { Integration::Preintegrated } else { Integration::PostClassified };
+    }
+}
+
+/// What a technique does, in a line.
+fn explanation(technique: Technique) -> &'static str {
+    match technique {
+        Technique::Rays => "Samples along each pixel's ray",
+        Technique::Slices => "Samples on planes across the viewing direction",
+        Technique::Stacks => "Samples on the voxels' own planes and between them, across the nearest axis of the grid",
     }
 }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_with_budget, gpu_or_skip, lit_share};
-use voxrole_viewer::state::{Camera, CameraPreset};
-use voxrole_viewer::{Error, Renderer};
+use voxrole_viewer::state::{Camera, CameraPreset, Technique};
+use voxrole_viewer::{Error, Renderer, Target};
 
 use crate::phantom::{Phantom, Shell, orthographic};
 
@@ -73,6 +73,18 @@ fn a_volume_longer_than_textures_is_drawn() {
     let on_cpu = draw_on_cpu(&volume, &state);
     assert!(lit_share(&on_cpu, [0, 0, 0, 255]) > 0.05);
     assert_same("long", &on_cpu, &picture);
+}
+
+#[test]
+fn slices_need_the_whole_volume() {
+    let Some(gpu) = gpu_or_skip("slices_need_the_whole_volume") else { return };
+    let phantom = shells();
+    let mut state = phantom.state(Camera::default());
+    state.render_settings.technique = Technique::Slices;
+    let target = Target::new(&gpu, [32, 32]).expect("a target");
+    let mut renderer = Renderer::new(&gpu, &Arc::new(phantom.texels()), Some(9 * BRICK)).expect("has room for bricks");
+    let error = renderer.draw(&state, &target).expect_err("is refused").to_string();
+    assert!(error.contains("draw it with rays"), "{error}");
 }
 
 #[test]

@@ -61,7 +61,7 @@ fn gpu_and_cpu_agree_where_sides_and_regions_have_an_emphasis_of_their_own() {
     ] {
         state.transfer_function.emphasis = shared.parse().expect("an emphasis");
         state.transfer_function.regions[0].emphasis = own.map(|own| own.parse().expect("an emphasis"));
-        renderer.draw(&state, &target).expect("draws");
+        renderer.draw(&state, &target).expect("is drawn");
         pictures.push(target.read_back(&gpu).expect("a picture"));
         let name = format!("{shared} {own:?}");
         assert_same(&name, &draw_on_cpu(&volume, &state), &pictures[pictures.len() - 1]);
@@ -98,7 +98,7 @@ fn a_renderer_follows_its_state() {
     let mut renderer = Renderer::new(&gpu, &volume, None).expect("a renderer");
     let mut state = phantom.state(Camera::default());
     let mut draw = |state: &ViewState| {
-        renderer.draw(state, &target).expect("draws");
+        renderer.draw(state, &target).expect("is drawn");
         target.read_back(&gpu).expect("a picture")
     };
     let first = draw(&state);

@@ -1,5 +1,6 @@
 //! The two ray marchers on phantoms whose roles are known exactly.
 
+mod artifacts;
 mod bricks;
 mod clipping;
 mod cpu_gpu;
@@ -9,3 +10,4 @@ mod phantom;
 mod sampling_rule;
 mod shells;
 mod skipping;
+mod techniques;

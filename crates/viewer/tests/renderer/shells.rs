@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 use voxrole_tests::comparison::{MOST_MIRRORED_RMSE, MOST_STEP_RMSE, difference, draw_on_cpu, lit_share};
 use voxrole_viewer::classify::opacity_by_distance;
 use voxrole_viewer::reference::RayMarcher;
-use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, EmphasisKind};
-use voxrole_viewer::{ViewState, VolumeTexels};
+use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, EmphasisKind, Technique};
+use voxrole_viewer::{Picture, ViewState, VolumeTexels};
 
 use crate::phantom::{Phantom, SHELLS, orthographic, region_at};
 
@@ -73,7 +73,15 @@ fn the_medial_surface_is_empty_in_the_picture() {
     let mut state = opaque_state(&phantom, BoundaryEmphasis::default());
     state.camera = orthographic(CameraPreset::Top);
     state.render_settings.image_size = [400, 400];
-    let picture = draw_on_cpu(&phantom.texels(), &state);
+    let volume = phantom.texels();
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        assert_boundaries_alone(&draw_on_cpu(&volume, &state));
+    }
+}
+
+/// Asserts that a picture of a slab's 400 × 400 pixels shows the two boundaries and nothing between or around them.
+fn assert_boundaries_alone(picture: &Picture) {
     // At zoom 1 the sphere around the slab spans the picture.
     let pixels_per_voxel = 200.0 / (0.5 * (2.0 * 63.0_f64.powi(2) + 1.0).sqrt());
     let mut seen = [0; 3];
@@ -102,20 +110,31 @@ fn a_gradient_between_the_two_lights_nothing() {
     let phantom = Phantom::concentric_shells();
     let mut state = phantom.state(Camera::default());
     let between = 0.5 * (SHELLS[0].gradient() + SHELLS[1].gradient());
-    state.transfer_function.regions = vec![region_at(between, 1.0, [1.0; 3])];
     state.transfer_function.emphasis.high.d_c = 15.0;
     state.transfer_function.emphasis.low.d_c = 15.0;
     let volume = phantom.texels();
-    assert_eq!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND), 0.0);
-    // The test can fail: the same region at one of the two lights a good part of the picture.
-    state.transfer_function.regions = vec![region_at(SHELLS[0].gradient(), 1.0, [1.0; 3])];
-    assert!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND) > 0.05);
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        state.transfer_function.regions = vec![region_at(between, 1.0, [1.0; 3])];
+        assert_eq!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND), 0.0);
+        // The test can fail: the same region at one of the two lights a good part of the picture.
+        state.transfer_function.regions = vec![region_at(SHELLS[0].gradient(), 1.0, [1.0; 3])];
+        assert!(lit_share(&draw_on_cpu(&volume, &state), BACKGROUND) > 0.05);
+    }
 }
 
 #[test]
 fn inner_and_outer_boundary_are_seen_at_once() {
     let phantom = Phantom::concentric_shells();
-    let picture = draw_on_cpu(&phantom.texels(), &phantom.state(orthographic(CameraPreset::Front)));
+    let volume = phantom.texels();
+    let mut state = phantom.state(orthographic(CameraPreset::Front));
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        assert_both_are_seen(&draw_on_cpu(&volume, &state));
+    }
+}
+
+fn assert_both_are_seen(picture: &Picture) {
     // 128 pixels span the sphere around a cube of 63 voxels.
     let pixel_at = |voxels: f64| picture.pixel((64.0 + voxels * 128.0 / (63.0 * 3.0_f64.sqrt())) as u32, 64);
     let [inner, outer, outside] = [pixel_at(0.0), pixel_at(18.0), pixel_at(30.0)];
@@ -129,10 +148,15 @@ fn opacity_does_not_depend_on_the_step() {
     let phantom = Phantom::concentric_shells();
     let volume = phantom.texels();
     let mut state = phantom.state(Camera::default());
-    let quarter = draw_on_cpu(&volume, &state);
-    state.render_settings.step = 0.5;
-    let (rmse, _) = difference(&quarter, &draw_on_cpu(&volume, &state));
-    assert!(rmse < MOST_STEP_RMSE, "{rmse}");
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        let [quarter, half] = [0.25, 0.5].map(|step| {
+            state.render_settings.step = step;
+            draw_on_cpu(&volume, &state)
+        });
+        let (rmse, _) = difference(&quarter, &half);
+        assert!(rmse < MOST_STEP_RMSE, "{technique:?}: {rmse}");
+    }
 }
 
 #[test]

@@ -26,6 +26,6 @@ fn opacity_by_distance(emphasis: u32, distance: f32) -> f32 {
 }
 
 // Opacity of one step, from that of a path of L_min.
-fn correct_opacity(opacity: f32) -> f32 {
-    return 1.0 - pow(max(1.0 - opacity, 0.0), frame.step);
+fn correct_opacity(opacity: f32, step: f32) -> f32 {
+    return 1.0 - pow(max(1.0 - opacity, 0.0), step);
 }

@@ -9,6 +9,19 @@ fn first_sample(pixel: vec2<u32>) -> f32 {
 // What lies this close behind a plane that cuts is lit as the plane is.
 const FACE_DEPTH: f32 = 0.5;
 
+// What a sample sends to the viewer: colour premultiplied by opacity, and opacity. `face` is the share of it that lies on the face
+// of a cut with a normal that is not 0.
+fn light_of_sample(role: RoleSample, ray: Ray, cut: vec3<f32>, face: f32, step: f32) -> vec4<f32> {
+    let opacity = correct_opacity(role.opacity, step);
+    // A face that was cut is lit as such, to a depth that does not depend on the step.
+    let share = select(0.0, face, any(cut != vec3<f32>(0.0)));
+    var color = shade(role.color, select(role.normal, cut, share == 1.0), -ray.direction);
+    if share > 0.0 && share < 1.0 {
+        color = mix(color, shade(role.color, cut, -ray.direction), share);
+    }
+    return opacity * vec4<f32>(color, 1.0);
+}
+
 // How far a ray has come.
 struct Progress {
     // Colour premultiplied by opacity, and opacity.
@@ -25,6 +38,7 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
     let interval = drawn_interval(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
+    half_step = frame.half_step;
     var sum = start.light;
     var count = start.count;
     var wanted = 0u;
@@ -45,11 +59,8 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
         }
         let role = sample_role(place, ray.direction, &cell);
         if role.opacity > 0.0 {
-            let opacity = correct_opacity(role.opacity);
-            // A face that was cut is lit as such, to a depth that does not depend on the step.
-            let is_on_cut = (count == 0.0 || along - interval.entry <= FACE_DEPTH) && any(interval.cut != vec3<f32>(0.0));
-            let color = shade(role.color, select(role.normal, interval.cut, is_on_cut), -ray.direction);
-            sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
+            let face = select(0.0, 1.0, count == 0.0 || along - interval.entry <= FACE_DEPTH);
+            sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, frame.step);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;

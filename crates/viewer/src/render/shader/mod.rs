@@ -1,7 +1,8 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
-/// The whole module: vertex entry point `vertex_main`; fragment entry points `fragment_main` for a volume that is there as a
-/// whole, `fragment_resume` and `fragment_finish` for one that comes brick by brick.
+/// The whole module: vertex entry points `vertex_main` and, for slices, `slice_vertex`; fragment entry points `fragment_main` for rays
+/// through a volume that is there as a whole, `fragment_resume` and `fragment_finish` for one that comes brick by brick,
+/// `slice_fragment` for slices and `slices_over_background` for what they come to.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
@@ -11,6 +12,7 @@ pub const SOURCE: &str = concat!(
     include_str!("leaping.wgsl"),
     include_str!("compositing.wgsl"),
     include_str!("resuming.wgsl"),
+    include_str!("slicing.wgsl"),
 );
 
 #[cfg(test)]
@@ -25,8 +27,9 @@ mod tests {
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
     use crate::render::brick_atlas::BRICK;
+    use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 8] = [
+    const CHUNKS: [(&str, &str); 9] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -35,6 +38,7 @@ mod tests {
         ("leaping", include_str!("leaping.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
         ("resuming", include_str!("resuming.wgsl")),
+        ("slicing", include_str!("slicing.wgsl")),
     ];
 
     #[test]
@@ -61,6 +65,8 @@ mod tests {
         assert!(SOURCE.contains(&format!("const MOST_PLANES: u32 = {MOST_PLANES}u;")));
         assert!(SOURCE.contains(&format!("const FACE_DEPTH: f32 = {FACE_DEPTH:?};")));
         assert!(SOURCE.contains(&format!("const BRICK: i32 = {BRICK};")));
+        assert!(SOURCE.contains(&format!("const NEAR: f32 = {NEAR:?};")));
+        assert!(SOURCE.contains(&format!("const SLACK: f32 = {SLACK:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));

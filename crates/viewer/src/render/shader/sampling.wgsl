@@ -1,5 +1,8 @@
 // Opacity, colour and normal between voxels: the twin of reference/sampling.rs, which explains the rule.
 
+// How far a sample stands for its ray to either side; 0 where its place counts for all of that. Set by whoever samples.
+var<private> half_step: f32;
+
 struct RoleSample {
     opacity: f32,
     color: vec3<f32>,
@@ -114,7 +117,7 @@ fn add_voxel(
     }
     let normal = decode_normal(texel.w);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
-    let half = abs(dot(normal, direction)) * frame.half_step;
+    let half = abs(dot(normal, direction)) * half_step;
     let share = weight * opacity_of_step(bin, by_role.a, distance, half);
     (*sum).opacity += share;
     (*sum).color += share * by_role.rgb;

@@ -38,6 +38,8 @@ struct Uniforms {
     jitter: u32,
     // Those that cut: unit normal, and the largest product with it that is drawn.
     planes: array<vec4<f32>, MOST_PLANES>,
+    // Numbers of slices: their growth along each axis, and that of the origin, negated.
+    slicing: vec4<f32>,
 }
 
 struct Ray {
