@@ -56,6 +56,9 @@ pub struct Frame {
 /// Most planes that cut: the six of a box and the free ones.
 pub const MOST_PLANES: usize = 6 + Clipping::MOST_PLANES;
 
+/// Most steps across a volume: they are counted in single precision.
+const MOST_STEPS: f32 = 1_048_576.0;
+
 /// The part of a ray that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
@@ -112,7 +115,8 @@ impl Frame {
             rotate(&Camera::from_preset(CameraPreset::Front).axes(), axes_from_world)
         };
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
-        let step = within(settings.step, Self::STEP_RANGE, 0.25);
+        let shortest = (box_high - box_low).length() / MOST_STEPS;
+        let step = within(settings.step, Self::STEP_RANGE, 0.25).max(shortest);
         let texel_spacing = Vec3::from_array(volume.texel_spacing());
         let rays = pixel_rays(&state.camera, &view, box_low, box_high, image_size);
         let slicing = Slicing::new(settings.technique, &rays, [box_low, box_high], texel_spacing, step);

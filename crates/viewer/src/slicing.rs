@@ -16,8 +16,6 @@ use crate::state::Technique;
 pub(crate) const SLACK: f32 = 1.0 / 32.0;
 /// Slices nearer than this to an eye within the volume are not seen, in multiples of `L_min`.
 pub(crate) const NEAR: f32 = 0.01;
-/// Most slices through a volume: numbers of slices and halves of them are exact.
-const MOST_SLICES: f32 = 1_048_576.0;
 /// Rays that meet slices at a smaller cosine than one over this are integrated as if it was that one.
 const MOST_STRETCH: f32 = 16.0;
 
@@ -48,16 +46,14 @@ impl Slicing {
             Technique::Rays => return None,
             Technique::Slices => {
                 let normal = rays.direction.normalize_or(Vec3::Z);
-                let distance = step.max((box_high - box_low).length() / MOST_SLICES);
                 // One of them goes through the middle, however thin the volume is.
-                (normal, distance, normal.dot(0.5 * (box_low + box_high)) / distance - 0.5, 0.0)
+                (normal, step, normal.dot(0.5 * (box_low + box_high)) / step - 0.5, 0.0)
             }
             Technique::Stacks => {
                 let axis = [Vec3::X, Vec3::Y, Vec3::Z][rays.direction.abs().max_position()];
                 let between = spacing.dot(axis);
-                let most = MOST_SLICES * between / axis.dot(box_high - box_low);
                 // Rounding must not make one more of a whole number.
-                let parts = (between / step - 1e-3).ceil().min(most.floor()).max(1.0);
+                let parts = (between / step - 1e-3).ceil().max(1.0);
                 // No axis is farther from the nearest one than a cube's diagonal.
                 (axis, between / parts, -0.5, 2.0_f32.sqrt().atan())
             }
@@ -255,6 +251,24 @@ mod tests {
             let samples = samples_of(&Samples::new(&frame, &ray, &frame.interval(&ray), 0.5));
             assert_eq!(samples.len(), 1, "{samples:?}");
             assert!((samples[0].step - 3.0).abs() < 1e-3, "{samples:?}");
+        }
+    }
+
+    #[test]
+    fn steps_are_counted_to_the_end_however_long_a_volume_is() {
+        let geometry = GridGeometry::axis_aligned([2, 2, 3000], [1.0, 1.0, 1000.0]);
+        let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
+        let volume = VolumeDescription::new(&geometry, 15.0, [0.0, 1.0], hit_gradient);
+        for technique in Technique::ALL {
+            let camera = Camera { projection: Projection::Orthographic, ..Camera::from_preset(CameraPreset::Top) };
+            let mut state = ViewState { camera, ..ViewState::default() };
+            (state.render_settings.technique, state.render_settings.step) = (technique, 1.0 / 64.0);
+            let frame = Frame::new(&state, &volume, &EmphasisTable::new(&state.transfer_function), [1, 1]);
+            let ray = frame.ray(0, 0);
+            let samples = Samples::new(&frame, &ray, &frame.interval(&ray), 0.5);
+            let last = samples.count() as f32;
+            assert!(last > 1e5 && last < 8_388_608.0, "{technique:?}: {last} samples");
+            assert!(samples.at(last - 1.0).is_some() && samples.at(last + 1.0).is_none());
         }
     }
 

@@ -145,6 +145,26 @@ fn gpu_and_cpu_draw_the_same_slices_of_what_is_cut_and_from_within() {
 }
 
 #[test]
+fn gpu_and_cpu_draw_the_same_with_more_slices_than_fit_at_once_and_with_none() {
+    let Some(gpu) = gpu_or_skip("gpu_and_cpu_draw_the_same_with_more_slices_than_fit_at_once_and_with_none") else {
+        return;
+    };
+    let mut long = Phantom::cube(16, &SHELLS);
+    long.geometry.dims[2] = 400;
+    long.center.z = 60.0;
+    let volume = long.texels();
+    let mut state = long.state(Camera { zoom: 8.0, ..orthographic(CameraPreset::Bottom) });
+    state.render_settings.image_size = [32, 32];
+    state.render_settings.step = 1.0 / 64.0;
+    compare(&gpu, "long", &volume, &state);
+    state.clipping.planes = vec!["0,90,-1".parse().expect("a plane")];
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        assert_eq!(lit_share(&draw_on_gpu(&gpu, &volume, &state), [0, 0, 0, 255]), 0.0, "{technique:?}");
+    }
+}
+
+#[test]
 fn rows_drawn_in_parts_are_those_of_the_whole() {
     let Some(gpu) = gpu_or_skip("rows_drawn_in_parts_are_those_of_the_whole") else { return };
     let phantom = Phantom::ball();
@@ -160,6 +180,23 @@ fn rows_drawn_in_parts_are_those_of_the_whole() {
             renderer.draw_rows(&state, &target, rows).expect("is drawn");
         }
         assert!(target.read_back(&gpu).expect("a picture") == draw_on_gpu(&gpu, &volume, &state), "{technique:?}");
+    }
+}
+
+#[test]
+fn a_marcher_that_looks_from_elsewhere_leaps_over_nothing_that_shows() {
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    for technique in Technique::ALL {
+        let mut state = phantom.state(Camera::default());
+        (state.render_settings.technique, state.render_settings.step) = (technique, 2.0);
+        let mut marcher = RayMarcher::new(&volume, &state, [64, 64]).expect("a size");
+        // Wide angles make longer ways between slices.
+        state.camera = Camera { field_of_view: 110.0, zoom: 2.0, azimuth: -50.0, ..Camera::default() };
+        marcher.look_from(&state.camera);
+        state.render_settings.leaps = false;
+        let plodding = RayMarcher::new(&volume, &state, [64, 64]).expect("a size").draw();
+        assert!(marcher.draw() == plodding, "{technique:?}");
     }
 }
 
