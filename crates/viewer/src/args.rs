@@ -9,7 +9,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::color::parse_color;
-use crate::state::{Camera, ClipPlane, Crop, Curve, Integration, Region, Technique, TwoSidedEmphasis};
+use crate::state::{Camera, Classification, ClipPlane, Crop, Curve, Integration, Region, Technique, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -90,8 +90,9 @@ pub struct RenderArgs {
     /// Distance between samples along a ray, or between slices, in multiples of the smallest voxel spacing [default: 0.25].
     #[arg(long, value_name = "F", value_parser = parse_step)]
     pub step: Option<f32>,
-    /// What a sample says of the step that it stands for [default: pre].
-    #[arg(long, value_enum)]
+    /// What a sample says of the step that it stands for: its middle (post) or all of it (pre); with `--classify value` pre goes by a
+    /// table of one axis, pre-2d by one for every front and back [default: pre].
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "post|pre|pre-2d")]
     pub integration: Option<Integration>,
     /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
     /// [default: what the GPU has].
@@ -146,6 +147,10 @@ pub struct ViewArgs {
         allow_hyphen_values = true
     )]
     pub regions: Vec<Region>,
+    /// What decides: the voxels' roles, that is regions and curve at boundaries; the curve's value alone, everywhere, as in classical
+    /// volume rendering; or intensity and opacity as a file of two numbers a voxel has them [default: roles].
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "roles|value|stored")]
+    pub classify: Option<Classification>,
     /// Opacity and colour by value alone, whatever the gradient magnitude: control points with straight lines between them.
     #[arg(long, value_name = "v,RRGGBB,opacity;...", allow_hyphen_values = true)]
     pub curve: Option<Curve>,

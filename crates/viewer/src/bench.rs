@@ -131,6 +131,7 @@ fn name(integration: Integration) -> &'static str {
     match integration {
         Integration::Preintegrated => "pre",
         Integration::PostClassified => "post",
+        Integration::FrontToBack => "pre-2d",
     }
 }
 

@@ -8,7 +8,9 @@ use voxrole_pack::DistanceQuantization;
 
 use crate::classify::EmphasisTable;
 use crate::slicing::Slicing;
-use crate::state::{Camera, CameraPreset, ClipPlane, Clipping, Integration, Projection, Shading, ViewAxes, ViewState};
+use crate::state::{
+    Camera, CameraPreset, Classification, ClipPlane, Clipping, Integration, Projection, Shading, ViewAxes, ViewState,
+};
 use crate::volume::VolumeDescription;
 
 /// Everything that a ray marcher needs beside texels and opacity table.
@@ -36,6 +38,10 @@ pub struct Frame {
     pub step: f32,
     /// Half of it where opacity is integrated along it, for slices as much as that may be; 0 where its middle counts for all of it.
     pub half_step: f32,
+    /// What decides on colour and opacity.
+    pub classification: Classification,
+    /// Whether what lies in front within a step hides what lies behind, where value alone decides.
+    pub is_ordered: bool,
     /// Whether every ray has its own place within the first step: see [`Self::first_sample`].
     pub jitter: bool,
     /// A ray ends once its opacity exceeds this.
@@ -135,7 +141,9 @@ impl Frame {
             rays,
             slicing,
             step,
-            half_step: if settings.integration == Integration::Preintegrated { half_step } else { 0.0 },
+            half_step: if settings.integration == Integration::PostClassified { 0.0 } else { half_step },
+            classification: state.transfer_function.classification,
+            is_ordered: settings.integration == Integration::FrontToBack,
             jitter: settings.jitter,
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
             distance_scale: volume.d_max_in_spacings() / steps,

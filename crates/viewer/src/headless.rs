@@ -12,10 +12,10 @@ use voxrole_preprocess::console::{print, tell};
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
 use crate::drawing::{Drawing, Drawn};
-use crate::open::open_or_prepare;
+use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
-use crate::state::{Camera, Clipping, Region, ViewState};
+use crate::state::{Camera, Classification, Clipping, Region, TransferFunction, ViewState};
 use crate::volume::VolumeTexels;
 
 /// Pictures of an animation shown each second.
@@ -29,10 +29,8 @@ const PER_SECOND: u16 = 25;
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let outputs = Outputs::new(arguments)?;
-    let opened = open_or_prepare(&arguments.file, &arguments.raw.read_options())?;
-    let reader = &opened.reader;
     let named = || arguments.file.display().to_string();
-    let mut state = state(reader, &arguments.view).with_context(named)?;
+    let mut state = typed_state(&arguments.view)?;
     let settings = &mut state.render_settings;
     settings.technique = arguments.technique.unwrap_or(settings.technique);
     settings.step = arguments.step.unwrap_or(settings.step);
@@ -42,11 +40,23 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         settings.leaps = false;
         settings.termination_opacity = 1.0;
     }
+    let options = arguments.raw.read_options();
+    let opened = match state.transfer_function.classification {
+        Classification::Stored => None,
+        Classification::Roles | Classification::Value => Some(open_or_prepare(&arguments.file, &options)?),
+    };
+    if let Some(opened) = &opened {
+        propose_where_needed(&mut state, &opened.reader).with_context(named)?;
+    }
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;
     }
     let start = Instant::now();
-    let volume = Arc::new(VolumeTexels::read_level(reader, arguments.view.level).with_context(named)?);
+    let volume = match &opened {
+        Some(opened) => VolumeTexels::read_level(&opened.reader, arguments.view.level).with_context(named)?,
+        None => read_stored(&arguments.file, &options)?,
+    };
+    let volume = Arc::new(volume);
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.cpu || outputs.need_light;
     let drawing =
@@ -199,11 +209,21 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
     ViewState::from_toml(&text).with_context(|| path.display().to_string())
 }
 
+/// What is asked for of a packed file: [`typed_state`], with proposed regions where nothing says what to draw.
+///
+/// # Errors
+/// As [`typed_state`]; also when nothing can be proposed, or what is asked for needs another kind of file.
+pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState> {
+    let mut state = typed_state(arguments)?;
+    propose_where_needed(&mut state, reader)?;
+    Ok(state)
+}
+
 /// The session, or else the defaults, with everything that was typed in its place.
 ///
 /// # Errors
-/// When the session cannot be read, or no region is given and none can be proposed.
-pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState> {
+/// When the session cannot be read, or too much is asked for.
+fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
     let ViewState { camera, transfer_function, clipping, render_settings } = &mut state;
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
@@ -216,6 +236,7 @@ pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState>
     }
     set(&mut transfer_function.emphasis, &arguments.alpha);
     set(&mut transfer_function.curve, &arguments.curve);
+    set(&mut transfer_function.classification, &arguments.classify);
     set(&mut clipping.crop, &arguments.crop);
     set(&mut render_settings.image_size, &arguments.size);
     set(&mut render_settings.background, &arguments.background);
@@ -227,13 +248,25 @@ pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState>
     if !arguments.regions.is_empty() {
         transfer_function.regions.clone_from(&arguments.regions);
     }
-    if transfer_function.regions.is_empty() && transfer_function.curve.points().is_empty() {
-        transfer_function.regions = proposed_regions(reader)?;
-        for region in &transfer_function.regions {
-            print(&format!("--region {region}\n"))?;
-        }
-    }
     Ok(state)
+}
+
+/// Takes the proposed regions, and prints them, where neither a region nor a curve says what to draw.
+fn propose_where_needed(state: &mut ViewState, reader: &Reader) -> anyhow::Result<()> {
+    let TransferFunction { classification, regions, curve, .. } = &mut state.transfer_function;
+    let has_curve = !curve.points().is_empty();
+    match classification {
+        Classification::Roles if regions.is_empty() && !has_curve => {
+            *regions = proposed_regions(reader)?;
+            regions.iter().try_for_each(|region| print(&format!("--region {region}\n")))?;
+            Ok(())
+        }
+        Classification::Value if !has_curve => bail!("what is drawn by value alone needs a `--curve`"),
+        Classification::Stored => {
+            bail!("a packed volume has no stored opacities: draw the file of intensities and opacities itself")
+        }
+        Classification::Roles | Classification::Value => Ok(()),
+    }
 }
 
 fn proposed_regions(reader: &Reader) -> anyhow::Result<Vec<Region>> {

@@ -4,15 +4,19 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, bail, ensure};
 use tempfile::TempDir;
-use voxrole_pack::Reader;
 use voxrole_pack::prologue::MAGIC;
+use voxrole_pack::quantization::NO_NORMAL;
+use voxrole_pack::{DistanceQuantization, HitGradientQuantization, Precision, Reader, ScalarType};
+use voxrole_preprocess::Grid;
 use voxrole_preprocess::console::tell;
 use voxrole_preprocess::io::{ReadOptions, read_volume};
 use voxrole_preprocess::prepare;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
+
+use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A packed file to read from.
 pub struct Opened {
@@ -41,4 +45,49 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
     prepare(&grid, &Settings::new(Method::Auto), &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
+}
+
+/// Reads a volume whose voxels have two numbers, intensity and opacity for a path of `L_min`: shares of the largest integer of their
+/// type, or numbers from 0 to 1.
+///
+/// # Errors
+/// When it cannot be read or its voxels do not have two such numbers; the message names it.
+pub fn read_stored(path: &Path, options: &ReadOptions) -> anyhow::Result<VolumeTexels> {
+    let named = || path.display().to_string();
+    ensure!(
+        options.component.is_none(),
+        "{}: intensity and opacity are components 0 and 1: leave --component out",
+        named()
+    );
+    let read = |component| read_volume(path, &ReadOptions { component: Some(component), ..options.clone() });
+    let (intensity, opacity) = (read(0).context("reading intensities")?, read(1).context("reading opacities")?);
+    ensure!(read(2).is_err(), "{}: expected two numbers per voxel, intensity and opacity, found more", named());
+    let [intensities, opacities] = [&intensity, &opacity].map(|grid| shares(grid).with_context(named));
+    let description = VolumeDescription::new(
+        &intensity.geometry,
+        intensity.geometry.smallest_spacing() as f32,
+        [0.0, 1.0],
+        HitGradientQuantization::new(0.0, 1.0, Precision::default()),
+    );
+    // Opacity in the place of the value, by which empty space is found, and intensity in that of the gradient magnitude.
+    let texels = intensities?.into_iter().zip(opacities?);
+    let texels =
+        texels.map(|(intensity, opacity)| [opacity, DistanceQuantization::MASKED as u16, intensity, NO_NORMAL]);
+    Ok(VolumeTexels { description, texels: texels.collect() })
+}
+
+/// Numbers as shares of 65535.
+fn shares(grid: &Grid) -> anyhow::Result<Vec<u16>> {
+    let full = match grid.scalars.scalar_type() {
+        ScalarType::U8 => 255.0,
+        ScalarType::U16 => 65535.0,
+        ScalarType::F32 | ScalarType::F64 => 1.0,
+        other => bail!("expected numbers of u8, u16, f32 or f64, found {other:?}"),
+    };
+    let share = |index| {
+        let number = grid.physical(index) / full;
+        ensure!((0.0..=1.0).contains(&number), "expected numbers from 0 to {full}, found {}", number * full);
+        Ok((number * 65535.0).round() as u16)
+    };
+    (0..grid.scalars.len()).map(share).collect()
 }

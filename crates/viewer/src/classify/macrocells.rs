@@ -97,6 +97,19 @@ impl Occupancy {
         let can_be_drawn = |ranges: &Ranges| {
             f32::from(ranges.nearest) * frame.distance_scale < frame.reach && lit.any(ranges.value, ranges.gradient)
         };
+        Self::where_drawn(volume, can_be_drawn, 0.0)
+    }
+
+    /// Where value alone decides: holds the ranges of values against what says whether any of them has an opacity. A step reaches into
+    /// macrocells beside that of its middle.
+    #[must_use]
+    pub fn of_values(volume: &MacrocellRanges, is_lit: impl Fn([u16; 2]) -> bool + Sync, frame: &Frame) -> Self {
+        let margin = frame.half_step / (MACROCELL as f32 * frame.spacing.min_element());
+        Self::where_drawn(volume, |ranges| is_lit(ranges.value), margin)
+    }
+
+    /// `margin` in macrocells.
+    fn where_drawn(volume: &MacrocellRanges, can_be_drawn: impl Fn(&Ranges) -> bool + Sync, margin: f32) -> Self {
         let [nx, _, _] = volume.dims;
         let mut drawn = BitRows::new(volume.dims);
         let rows = drawn.words.par_chunks_mut(nx.div_ceil(64)).zip(volume.ranges.par_chunks(nx));
@@ -105,6 +118,10 @@ impl Occupancy {
                 words[x / 64] |= 1 << (x % 64);
             }
         });
+        for _ in 0..margin.ceil() as usize {
+            let before = drawn.words.clone();
+            drawn.spread(&before);
+        }
         Self { dims: volume.dims, distances: drawn.distances() }
     }
 

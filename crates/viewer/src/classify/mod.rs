@@ -8,6 +8,7 @@ pub mod opacity;
 pub mod opacity_correction;
 pub mod preintegration;
 pub mod region_proposal;
+pub mod value_table;
 
 pub use boundary_emphasis::opacity_by_distance;
 pub use emphasis_table::EmphasisTable;
@@ -16,3 +17,4 @@ pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;
 pub use preintegration::{PreintegrationCells, PreintegrationTable};
 pub use region_proposal::propose_regions;
+pub use value_table::ValueTable;

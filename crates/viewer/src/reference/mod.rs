@@ -6,22 +6,24 @@
 pub mod roles;
 pub mod sampling;
 pub mod shading;
+pub mod value;
 
 use glam::{Vec3, Vec4};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
+use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, ValueTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::slicing::Samples;
-use crate::state::{Camera, ViewState};
+use crate::state::{Camera, Classification, ViewState};
 use crate::volume::VolumeTexels;
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use roles::Roles;
 use sampling::{Cell, RoleSample, Sampler};
 use shading::shade;
+use value::ByValue;
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
@@ -34,6 +36,8 @@ pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     state: ViewState,
     roles: Roles,
+    /// What decides where roles do not.
+    by_value: Option<ByValue>,
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
@@ -76,8 +80,13 @@ impl<'a> RayMarcher<'a> {
         let table = OpacityTable::new(&state.transfer_function, description.value_range, description.hit_gradient);
         let roles = Roles::new(&table, &state.transfer_function);
         let frame = Frame::new(state, description, roles.emphases(), image_size);
-        let occupancy = occupancy(volume, state, &table, &frame);
-        Ok(Self { volume, state: state.clone(), roles, frame, occupancy })
+        let by_value = match frame.classification {
+            Classification::Roles => None,
+            Classification::Stored => Some(ByValue::Stored),
+            Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
+        };
+        let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
+        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy })
     }
 
     /// Moves the camera; everything else stays.
@@ -89,7 +98,7 @@ impl<'a> RayMarcher<'a> {
         if self.frame.reach != reach {
             let transfer_function = &self.state.transfer_function;
             let table = OpacityTable::new(transfer_function, description.value_range, description.hit_gradient);
-            self.occupancy = occupancy(self.volume, &self.state, &table, &self.frame);
+            self.occupancy = occupancy(self.volume, &self.state, &table, self.by_value.as_ref(), &self.frame);
         }
     }
 
@@ -157,7 +166,8 @@ impl<'a> RayMarcher<'a> {
             if sum.w > frame.termination_opacity {
                 break;
             }
-            let place = sampler.place(ray.origin + sample.along * ray.direction);
+            let position = ray.origin + sample.along * ray.direction;
+            let place = sampler.place(position);
             let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
                 // To the first sample beyond all that is known to be empty.
@@ -165,7 +175,10 @@ impl<'a> RayMarcher<'a> {
                 continue;
             }
             counts.taken += 1;
-            let role = sampler.sample(place, ray.direction, sample.half_step, &mut cell);
+            let role = match &self.by_value {
+                None => sampler.sample(place, ray.direction, sample.half_step, &mut cell),
+                Some(by_value) => sampler.sample_value(by_value, position, ray.direction, sample.half_step),
+            };
             if role.opacity > 0.0 {
                 let opacity = correct_opacity(role.opacity, sample.step);
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
@@ -189,8 +202,22 @@ impl<'a> RayMarcher<'a> {
 }
 
 /// Where something can be drawn; `None` where rays are not to leap.
-fn occupancy(volume: &VolumeTexels, state: &ViewState, table: &OpacityTable, frame: &Frame) -> Option<Occupancy> {
-    state.render_settings.leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), table, frame))
+fn occupancy(
+    volume: &VolumeTexels,
+    state: &ViewState,
+    table: &OpacityTable,
+    by_value: Option<&ByValue>,
+    frame: &Frame,
+) -> Option<Occupancy> {
+    if !state.render_settings.leaps {
+        return None;
+    }
+    let ranges = MacrocellRanges::new(volume);
+    Some(match by_value {
+        None => Occupancy::new(&ranges, table, frame),
+        Some(ByValue::Curve(values)) => Occupancy::of_values(&ranges, |range| values.any(range), frame),
+        Some(ByValue::Stored) => Occupancy::of_values(&ranges, |[_, high]| high > 0, frame),
+    })
 }
 
 /// A row of pixels, with the processor's own instructions; the bits are the same with any.

@@ -130,7 +130,7 @@ impl<'a> Sampler<'a> {
             if !self.roles.is_lit(value_bins, row) {
                 continue;
             }
-            let normal = self.all_normals[usize::from(texel[3])];
+            let normal = self.normal(texel[3]);
             let growth = normal * self.frame.spacing;
             let half = normal.dot(direction).abs() * cell.half_step;
             cell.corners[cell.count] = Corner {
@@ -146,9 +146,15 @@ impl<'a> Sampler<'a> {
         }
     }
 
+    /// The unit vector of a stored normal, or 0 for none.
+    #[inline(always)]
+    pub(super) fn normal(&self, stored: u16) -> Vec3 {
+        self.all_normals[usize::from(stored)]
+    }
+
     /// The voxels at a cell's corners.
     #[inline(always)]
-    fn texels(&self, base: UVec3) -> [[u16; 4]; 8] {
+    pub(super) fn texels(&self, base: UVec3) -> [[u16; 4]; 8] {
         let [width, height, _] = self.frame.dims.map(|dim| dim as usize);
         let [x, y, z] = base.as_usizevec3().to_array();
         let steps = (base.cmplt(self.last)).into();
@@ -206,7 +212,7 @@ fn all_normals() -> &'static [Vec3] {
 }
 
 /// A vector's direction, or 0 where opposite normals cancel.
-fn unit_or_zero(vector: Vec3) -> Vec3 {
+pub(super) fn unit_or_zero(vector: Vec3) -> Vec3 {
     let squared = vector.dot(vector);
     if squared > 1e-8 { vector / squared.sqrt() } else { Vec3::ZERO }
 }

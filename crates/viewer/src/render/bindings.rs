@@ -43,6 +43,8 @@ impl Bindings {
                 entry(5, float_texture(TextureViewDimension::D2)),
                 entry(6, float_texture(TextureViewDimension::D3)),
                 entry(7, integer_texture(TextureViewDimension::D3)),
+                entry(8, float_texture(TextureViewDimension::D2)),
+                entry(9, float_texture(TextureViewDimension::D2)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -56,7 +58,8 @@ impl Bindings {
 
     /// Binds a volume and what is made of it.
     pub fn bind(&self, gpu: &Gpu, [volume, pages]: [TextureView; 2], lookup_textures: &LookupTextures) -> BindGroup {
-        let [opacity_table, occupancy, emphases, emphasis_table, preintegration] = lookup_textures.views();
+        let [opacity_table, occupancy, emphases, emphasis_table, preintegration, value_table, front_to_back] =
+            lookup_textures.views();
         gpu.device.create_bind_group(&BindGroupDescriptor {
             label: Some("volume"),
             layout: &self.layout,
@@ -69,6 +72,8 @@ impl Bindings {
                 BindGroupEntry { binding: 5, resource: BindingResource::TextureView(&emphasis_table) },
                 BindGroupEntry { binding: 6, resource: BindingResource::TextureView(&preintegration) },
                 BindGroupEntry { binding: 7, resource: BindingResource::TextureView(&pages) },
+                BindGroupEntry { binding: 8, resource: BindingResource::TextureView(&value_table) },
+                BindGroupEntry { binding: 9, resource: BindingResource::TextureView(&front_to_back) },
             ],
         })
     }

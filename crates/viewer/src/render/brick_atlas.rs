@@ -95,7 +95,7 @@ impl BrickAtlas {
         let mut absent: Vec<usize> = absent.collect();
         absent.sort_by_cached_key(distance);
         absent.truncate(free);
-        self.bring(gpu, &absent);
+        self.bring(gpu, &absent, &[]);
     }
 
     /// The first voxel of a brick.
@@ -103,12 +103,20 @@ impl BrickAtlas {
         along_axes(brick, [self.grid[0] as usize, self.grid[1] as usize]).map(|brick| brick * BRICK)
     }
 
-    /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest; as many as
-    /// there is room for.
-    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize]) {
-        for &brick in bricks.iter().take(self.slots.len()) {
-            if self.places[brick][3] != 0 {
-                continue;
+    /// How many bricks there is room for.
+    pub fn room(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest, but for those that
+    /// have to stay; as many as there is room for.
+    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) {
+        let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
+        let room = self.slots.iter().filter(|slot| !is_staying(slot)).count();
+        let absent: Vec<usize> = bricks.iter().copied().filter(|&brick| self.places[brick][3] == 0).collect();
+        for brick in absent.into_iter().take(room) {
+            while is_staying(&self.slots[self.next]) {
+                self.next = (self.next + 1) % self.slots.len();
             }
             if let Some(old) = self.slots[self.next].replace(brick) {
                 self.places[old] = [0; 4];

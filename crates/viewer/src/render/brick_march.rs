@@ -5,6 +5,7 @@
 //! however few bricks there is room for. After Crassin et al., GigaVoxels, 2009, and Hadwiger et al., Interactive volume exploration of
 //! petascale microscopy data streams, 2012, with rays that wait in place of coarser voxels.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -23,6 +24,8 @@ use crate::Result;
 
 /// Rows that are drawn together: what their rays need should fit.
 const STRIP: u32 = 64;
+/// Bricks that a step needs at most: those of its middle and of its ends.
+pub const MOST_OF_STEP: usize = 3;
 /// Light, and how many steps lie behind with the brick that is waited for.
 const FORMATS: [TextureFormat; 2] = [TextureFormat::Rgba32Uint, TextureFormat::Rg32Uint];
 
@@ -82,17 +85,18 @@ impl BrickMarch {
             let strip = first..(first + STRIP).min(rows.end);
             bindings.set_uniforms(gpu, &uniforms.at_row(first));
             begin(gpu, &strips[0]);
+            let mut leader = Leader::default();
             loop {
                 strips.swap(0, 1);
                 let [after, before] = &*strips;
                 let attachments = [0, 1].map(|index: usize| attachment(&after.views[index], LoadOp::Load));
                 let groups = [bind_group, &before.bind_group];
                 draw_rows(gpu, &self.resume, &groups, &attachments, (width, 0..strip.len() as u32));
-                let wanted = after.wanted(gpu, strip.len() as u32)?;
-                if wanted.is_empty() {
+                let waiting = after.waiting(gpu, strip.len() as u32)?;
+                if !leader.follow(&waiting) {
                     break;
                 }
-                atlas.bring(gpu, &wanted);
+                atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks);
             }
             let [after, _] = &*strips;
             let attachments = [attachment(target.view(), LoadOp::Load)];
@@ -129,20 +133,50 @@ impl Strip {
         Self { progress, views, bind_group }
     }
 
-    /// The bricks that rays wait for, those that most wait for first.
-    fn wanted(&self, gpu: &Gpu, rows: u32) -> Result<Vec<usize>> {
+    /// The pixels whose rays wait, and for which bricks.
+    fn waiting(&self, gpu: &Gpu, rows: u32) -> Result<Vec<(usize, usize)>> {
         let bytes = read_back(gpu, &self.progress, rows, "asking which bricks are needed")?;
-        let mut waiting = HashMap::<usize, usize>::new();
-        for numbers in bytes.as_chunks::<8>().0 {
+        let pixels = bytes.as_chunks::<8>().0.iter().enumerate().filter_map(|(pixel, numbers)| {
             let [_, wanted]: [u32; 2] = bytemuck::pod_read_unaligned(numbers);
-            if wanted > 0 {
-                *waiting.entry(wanted as usize - 1).or_default() += 1;
-            }
-        }
-        let mut wanted: Vec<_> = waiting.into_iter().collect();
-        wanted.sort_unstable_by_key(|&(brick, rays)| (std::cmp::Reverse(rays), brick));
-        Ok(wanted.into_iter().map(|(brick, _)| brick).collect())
+            (wanted > 0).then(|| (pixel, wanted as usize - 1))
+        });
+        Ok(pixels.collect())
     }
+}
+
+/// The first ray that waits. What it waited for last stays until it has gone on, so that rays do not take bricks from each other
+/// for ever: a step can need several at once.
+#[derive(Default)]
+struct Leader {
+    pixel: usize,
+    bricks: Vec<usize>,
+}
+
+impl Leader {
+    /// Takes note of what rays wait for; false when none does.
+    fn follow(&mut self, waiting: &[(usize, usize)]) -> bool {
+        let Some(&(pixel, brick)) = waiting.first() else { return false };
+        if self.pixel != pixel {
+            *self = Self { pixel, bricks: Vec::new() };
+        }
+        if self.bricks.len() == MOST_OF_STEP {
+            self.bricks.remove(0);
+        }
+        self.bricks.push(brick);
+        true
+    }
+}
+
+/// The bricks that rays wait for: that of the first ray, then those that most wait for.
+fn most_wanted(waiting: &[(usize, usize)]) -> Vec<usize> {
+    let mut rays = HashMap::<usize, usize>::new();
+    for (_, brick) in waiting {
+        *rays.entry(*brick).or_default() += 1;
+    }
+    let first = waiting.first().map(|(_, brick)| *brick);
+    let mut wanted: Vec<_> = rays.into_iter().collect();
+    wanted.sort_unstable_by_key(|&(brick, rays)| (Some(brick) != first, Reverse(rays), brick));
+    wanted.into_iter().map(|(brick, _)| brick).collect()
 }
 
 /// No ray has gone anywhere, and all have somewhere to go.

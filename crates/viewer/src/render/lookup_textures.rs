@@ -9,9 +9,10 @@ use super::gpu::Gpu;
 use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
-use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable};
+use crate::classify::value_table::{PARTS, SIDE};
+use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, ValueTable};
 use crate::frame::Frame;
-use crate::state::{TransferFunction, TwoSidedEmphasis, ViewState};
+use crate::state::{Classification, Curve, TransferFunction, TwoSidedEmphasis, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 const TABLE_SIZE: Extent3d =
@@ -24,12 +25,16 @@ pub struct LookupTextures {
     emphases: Texture,
     emphasis_table: Texture,
     preintegration: Texture,
+    value_table: Texture,
+    front_to_back: Texture,
+    /// What the two hold, and of what: the curve, and the step of the second where it is asked for.
+    values: Option<(Curve, Option<f32>, ValueTable)>,
     ranges: MacrocellRanges,
     table: Option<(TransferFunction, OpacityTable)>,
     /// What the emphasis table holds.
     numbers: Vec<f32>,
     /// What the occupancy is that of, beside the table: how far boundaries reach, and whether rays leap at all.
-    drawn: Option<(f32, bool)>,
+    drawn: Option<(f32, bool, Classification)>,
     /// Where something can be drawn; `None` where rays do not leap.
     leaping: Option<Occupancy>,
 }
@@ -55,6 +60,9 @@ impl LookupTextures {
             emphases: texture(gpu, "emphases", TABLE_SIZE, TextureDimension::D2, TextureFormat::R16Uint),
             emphasis_table: emphasis_texture(gpu, 2),
             preintegration: preintegration_texture(gpu, 2),
+            value_table: value_texture(gpu, "value table", [PARTS + 2, 2]),
+            front_to_back: value_texture(gpu, "front to back", [SIDE; 2]),
+            values: None,
             ranges,
             table: None,
             numbers: Vec::new(),
@@ -96,10 +104,27 @@ impl LookupTextures {
             write(gpu, &self.opacity_table, bytemuck::cast_slice(table.entries()));
             write(gpu, &self.emphases, bytemuck::cast_slice(table.emphases()));
         }
-        let drawn = Some((frame.reach, state.render_settings.leaps));
+        let values = match frame.classification {
+            Classification::Value => Some(update_values(
+                gpu,
+                &mut self.values,
+                state,
+                volume,
+                frame,
+                [&self.value_table, &self.front_to_back],
+            )),
+            Classification::Roles | Classification::Stored => None,
+        };
+        let drawn = Some((frame.reach, state.render_settings.leaps, frame.classification));
         let is_drawn_elsewhere = is_new || self.drawn != drawn;
         if is_drawn_elsewhere {
-            self.leaping = state.render_settings.leaps.then(|| Occupancy::new(&self.ranges, table, frame));
+            self.leaping = state.render_settings.leaps.then(|| match (frame.classification, values) {
+                (Classification::Stored, _) => Occupancy::of_values(&self.ranges, |[_, high]| high > 0, frame),
+                (Classification::Value, Some(values)) => {
+                    Occupancy::of_values(&self.ranges, |range| values.any(range), frame)
+                }
+                _ => Occupancy::new(&self.ranges, table, frame),
+            });
             match &self.leaping {
                 Some(occupancy) => write(gpu, &self.occupancy, occupancy.distances()),
                 None => write(gpu, &self.occupancy, &vec![0; self.ranges.dims().iter().product()]),
@@ -114,10 +139,11 @@ impl LookupTextures {
         self.leaping.as_ref()
     }
 
-    /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, and its integrals, as shaders read
-    /// them.
-    pub fn views(&self) -> [TextureView; 5] {
-        [&self.opacity_table, &self.occupancy, &self.emphases, &self.emphasis_table, &self.preintegration]
+    /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, its integrals, and what value alone
+    /// decides, as shaders read them.
+    pub fn views(&self) -> [TextureView; 7] {
+        let Self { opacity_table, occupancy, emphases, emphasis_table, preintegration, .. } = self;
+        [opacity_table, occupancy, emphases, emphasis_table, preintegration, &self.value_table, &self.front_to_back]
             .map(|texture| texture.create_view(&TextureViewDescriptor::default()))
     }
 }
@@ -140,6 +166,33 @@ pub(super) fn texture(
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
         view_formats: &[],
     })
+}
+
+/// Brings what value alone decides up to date.
+fn update_values<'a>(
+    gpu: &Gpu,
+    values: &'a mut Option<(Curve, Option<f32>, ValueTable)>,
+    state: &ViewState,
+    volume: &VolumeDescription,
+    frame: &Frame,
+    [value_table, front_to_back]: [&Texture; 2],
+) -> &'a ValueTable {
+    let wanted = (&state.transfer_function.curve, frame.is_ordered.then_some(frame.step));
+    let kept = values.take().filter(|(curve, step, _)| (curve, *step) == wanted);
+    let (_, _, table) = values.insert(kept.unwrap_or_else(|| {
+        let table = ValueTable::of(state, volume, frame);
+        write(gpu, value_table, bytemuck::cast_slice(&table.rows()));
+        if !table.front_to_back().is_empty() {
+            write(gpu, front_to_back, bytemuck::cast_slice(table.front_to_back()));
+        }
+        (wanted.0.clone(), wanted.1, table)
+    }));
+    table
+}
+
+fn value_texture(gpu: &Gpu, label: &str, [width, height]: [usize; 2]) -> Texture {
+    let size = Extent3d { width: width as u32, height: height as u32, depth_or_array_layers: 1 };
+    texture(gpu, label, size, TextureDimension::D2, TextureFormat::Rgba32Float)
 }
 
 fn emphasis_texture(gpu: &Gpu, height: u32) -> Texture {

@@ -7,7 +7,7 @@ use wgpu::{BindGroup, TextureView};
 
 use super::bindings::Bindings;
 use super::brick_atlas::BrickAtlas;
-use super::brick_march::BrickMarch;
+use super::brick_march::{BrickMarch, MOST_OF_STEP};
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
 use super::ray_march::RayMarch;
@@ -18,7 +18,7 @@ use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
 use crate::classify::EmphasisTable;
 use crate::frame::Frame;
-use crate::state::{TransferFunction, ViewState};
+use crate::state::{Classification, TransferFunction, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A volume on a device, ready to be drawn.
@@ -127,6 +127,7 @@ impl Renderer {
             self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures);
         }
         let uniforms = Uniforms::from(&frame);
+        let is_by_value = frame.classification == Classification::Value;
         match &mut self.passes {
             Passes::Whole(_, march) => {
                 self.bindings.set_uniforms(gpu, &uniforms);
@@ -143,6 +144,13 @@ impl Renderer {
             }
             Passes::Bricks(_) if frame.slicing.is_some() => {
                 Err(too_large(gpu, "slices need all of it there; draw it with rays".into()))
+            }
+            Passes::Bricks(bricks) if is_by_value && bricks.0.room() < MOST_OF_STEP => {
+                let (found, needed) = (bricks.0.room(), MOST_OF_STEP);
+                Err(too_large(
+                    gpu,
+                    format!("there is room for {found} bricks of it, and steps by value need {needed} at once"),
+                ))
             }
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::frame::{Frame, MOST_PLANES};
+use crate::state::Classification;
 
 /// The shaders' `Uniforms`: a vector and a number in every 16 bytes. A test compares the offsets with the shader's.
 #[repr(C)]
@@ -25,7 +26,7 @@ pub struct Uniforms {
     box_high: [f32; 3],
     half_step: f32,
     spacing: [f32; 3],
-    padding_after_spacing: f32,
+    classification: u32,
     inverse_spacing: [f32; 3],
     padding_after_inverse_spacing: f32,
     light: [f32; 3],
@@ -63,7 +64,12 @@ impl From<&Frame> for Uniforms {
             box_high: frame.box_high.into(),
             half_step: frame.half_step,
             spacing: frame.spacing.into(),
-            padding_after_spacing: 0.0,
+            classification: match (frame.classification, frame.is_ordered) {
+                (Classification::Roles, _) => 0,
+                (Classification::Stored, _) => 1,
+                (Classification::Value, false) => 2,
+                (Classification::Value, true) => 3,
+            },
             inverse_spacing: frame.spacing.recip().into(),
             padding_after_inverse_spacing: 0.0,
             light: frame.light.into(),
@@ -134,7 +140,7 @@ mod tests {
             box_high,
             half_step,
             spacing,
-            padding_after_spacing,
+            classification,
             inverse_spacing,
             padding_after_inverse_spacing,
             light,

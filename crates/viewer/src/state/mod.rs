@@ -5,6 +5,7 @@
 
 pub mod boundary_emphasis;
 pub mod camera;
+pub mod classification;
 pub mod clipping;
 pub mod color;
 pub mod curve;
@@ -19,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use boundary_emphasis::{BoundaryEmphasis, EmphasisKind, TwoSidedEmphasis};
 pub use camera::{Camera, CameraPreset, Projection, ViewAxes};
+pub use classification::Classification;
 pub use clipping::{ClipPlane, Clipping, Crop};
 pub use curve::{ControlPoint, Curve};
 pub use region::Region;

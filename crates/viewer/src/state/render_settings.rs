@@ -17,6 +17,10 @@ pub enum Integration {
     #[value(name = "pre")]
     #[serde(rename = "pre")]
     Preintegrated,
+    /// The same, and where value alone decides, what lies in front within a step hides what lies behind it.
+    #[value(name = "pre-2d")]
+    #[serde(rename = "pre-2d")]
+    FrontToBack,
 }
 
 /// Sampling, light and background.

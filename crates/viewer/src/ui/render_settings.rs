@@ -41,7 +41,7 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
     let has_jitter = settings.technique == Technique::Rays;
     let jitter = ui.add_enabled(has_jitter, Checkbox::new(&mut settings.jitter, "jittered steps"));
     jitter.on_hover_text("Rays begin at places of their own: what long steps miss shows as grain, not as rings");
-    let mut integrates = settings.integration == Integration::Preintegrated;
+    let mut integrates = settings.integration != Integration::PostClassified;
     let checkbox = ui.checkbox(&mut integrates, "opacity integrated along steps");
     if checkbox.on_hover_text("No boundary is missed between two samples; without, steps have to be short").changed() {
         settings.integration = if integrates { Integration::Preintegrated } else { Integration::PostClassified };

@@ -2,6 +2,7 @@
 
 mod artifacts;
 mod bricks;
+mod by_value;
 mod clipping;
 mod cpu_gpu;
 mod integration;

@@ -44,7 +44,8 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
     var wanted = 0u;
     var along = interval.entry + (count + first) * frame.step;
     while along < interval.exit && sum.a <= frame.termination_opacity {
-        let place = place_at(ray.origin + along * ray.direction);
+        let position = ray.origin + along * ray.direction;
+        let place = place_at(position);
         let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
         if empty > 0 {
             // To the first sample beyond all that is known to be empty.
@@ -53,11 +54,13 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
             along = interval.entry + (count + first) * frame.step;
             continue;
         }
-        if HAS_BRICKS && any(place.base != cell.base) && page_of(place.base).w == 0 {
-            wanted = brick_number(place.base) + 1u;
-            break;
+        if HAS_BRICKS && any(place.base != cell.base) {
+            wanted = brick_wanted(position, place, ray.direction);
+            if wanted != 0u {
+                break;
+            }
         }
-        let role = sample_role(place, ray.direction, &cell);
+        let role = sample_at(position, place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let face = select(0.0, 1.0, count == 0.0 || along - interval.entry <= FACE_DEPTH);
             sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, frame.step);
@@ -67,13 +70,6 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
         along = interval.entry + (count + first) * frame.step;
     }
     return Progress(sum, count, wanted);
-}
-
-// Bricks count along x first.
-fn brick_number(base: vec3<i32>) -> u32 {
-    let grid = vec3<i32>(textureDimensions(pages));
-    let brick = base / BRICK;
-    return u32((brick.z * grid.y + brick.y) * grid.x + brick.x);
 }
 
 // Display values of light over the background.

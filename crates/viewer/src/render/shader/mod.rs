@@ -8,6 +8,7 @@ pub const SOURCE: &str = concat!(
     include_str!("classification.wgsl"),
     include_str!("preintegration.wgsl"),
     include_str!("sampling.wgsl"),
+    include_str!("value.wgsl"),
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
     include_str!("compositing.wgsl"),
@@ -24,16 +25,18 @@ mod tests {
     use crate::classify::macrocells::MACROCELL;
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
+    use crate::classify::value_table::{NARROW, PARTS, SIDE};
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
     use crate::render::brick_atlas::BRICK;
     use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 9] = [
+    const CHUNKS: [(&str, &str); 10] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
         ("sampling", include_str!("sampling.wgsl")),
+        ("value", include_str!("value.wgsl")),
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
@@ -67,6 +70,9 @@ mod tests {
         assert!(SOURCE.contains(&format!("const BRICK: i32 = {BRICK};")));
         assert!(SOURCE.contains(&format!("const NEAR: f32 = {NEAR:?};")));
         assert!(SOURCE.contains(&format!("const SLACK: f32 = {SLACK:?};")));
+        assert!(SOURCE.contains(&format!("const PARTS: f32 = {PARTS}.0;")));
+        assert!(SOURCE.contains(&format!("const SIDE: f32 = {SIDE}.0;")));
+        assert!(SOURCE.contains(&format!("const NARROW: f32 = {NARROW:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));

@@ -53,7 +53,8 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
         discard;
     }
     let along = 0.5 * (piece.start + piece.end);
-    let place = place_at(ray.origin + along * ray.direction);
+    let position = ray.origin + along * ray.direction;
+    let place = place_at(position);
     if textureLoad(occupancy, place.base / MACROCELL, 0).x > 0u {
         discard;
     }
@@ -61,7 +62,7 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
     half_step = min(frame.half_step, 0.5 * step);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
-    let role = sample_role(place, ray.direction, &cell);
+    let role = sample_at(position, place, ray.direction, &cell);
     if role.opacity <= 0.0 {
         discard;
     }

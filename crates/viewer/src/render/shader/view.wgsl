@@ -24,7 +24,8 @@ struct Uniforms {
     box_high: vec3<f32>,
     half_step: f32,
     spacing: vec3<f32>,
-    padding_after_spacing: f32,
+    // What decides on colour and opacity: see value.wgsl.
+    classification: u32,
     inverse_spacing: vec3<f32>,
     padding_after_inverse_spacing: f32,
     light: vec3<f32>,
