@@ -71,7 +71,8 @@ fn planes_show_no_bands() {
         for technique in Technique::ALL {
             let mut state = state_of_region([0.4, 0.6], THIN, camera);
             state.render_settings.technique = technique;
-            // Without integration a slanted plane has faint bands, those of stacks 1/cos as far apart as the voxels' planes.
+            // Without integration a slanted plane has faint bands, those of stacks 1/cos as far apart as the voxels'
+            // planes.
             for (integration, most) in [(Integration::Preintegrated, 0.1), (Integration::PostClassified, 6.0)] {
                 state.render_settings.integration = integration;
                 let bend = largest_bend(&volume, &state);

@@ -1,7 +1,7 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
-/// The whole module: entry points `vertex_main` and `fragment_main` for rays; `slice_vertex` and `slice_fragment` for slices, and
-/// `slices_over_background` for what they come to.
+/// The whole module: entry points `vertex_main` and `fragment_main` for rays; `slice_vertex` and `slice_fragment` for
+/// slices, and `slices_over_background` for what they come to.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
