@@ -36,7 +36,8 @@ pub struct Frame {
     pub slicing: Option<Slicing>,
     /// Distance between samples along a ray.
     pub step: f32,
-    /// Half of it where opacity is integrated along it, for slices as much as that may be; 0 where its middle counts for all of it.
+    /// Half of it where opacity is integrated along it, for slices as much as that may be; 0 where its middle counts
+    /// for all of it.
     pub half_step: f32,
     /// What decides on colour and opacity.
     pub classification: Classification,

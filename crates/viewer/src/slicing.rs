@@ -1,9 +1,10 @@
 //! Slices through a volume, and where along a ray its samples lie.
 //!
-//! Space between two neighbouring planes halfway between slices is a slab; a slice stands for the part of each ray that lies
-//! in its slab, so that its step is the slab's thickness over the cosine of the ray's angle to it. A ray's first and last slice
-//! stand for all that is left up to where the ray enters and leaves: nothing is counted twice, and nothing is left out where
-//! a ray meets any slice at all. What of a volume lies between two slices, as a corner of it may, is not seen.
+//! Space between two neighbouring planes halfway between slices is a slab; a slice stands for the part of each ray that
+//! lies in its slab, so that its step is the slab's thickness over the cosine of the ray's angle to it. A ray's first
+//! and last slice stand for all that is left up to where the ray enters and leaves: nothing is counted twice, and
+//! nothing is left out where a ray meets any slice at all. What of a volume lies between two slices, as a corner of it
+//! may, is not seen.
 
 use glam::Vec3;
 
@@ -11,8 +12,8 @@ use crate::frame::{Frame, Interval, PixelRays, Ray};
 use crate::reference::FACE_DEPTH;
 use crate::state::Technique;
 
-/// How far outside of what is drawn a slice still counts for a ray, in slabs, and at most [`NEAR`]: rounding must not decide over
-/// slices that lie on a volume's very face.
+/// How far outside of what is drawn a slice still counts for a ray, in slabs, and at most [`NEAR`]: rounding must not
+/// decide over slices that lie on a volume's very face.
 pub(crate) const SLACK: f32 = 1.0 / 32.0;
 /// Slices nearer than this to an eye within the volume are not seen, in multiples of `L_min`.
 pub(crate) const NEAR: f32 = 0.01;
@@ -31,8 +32,8 @@ pub struct Slicing {
 }
 
 impl Slicing {
-    /// The slices of a technique, `step` apart or, for [`Technique::Stacks`], a whole fraction of the voxels' distance that is no
-    /// larger; `None` for rays.
+    /// The slices of a technique, `step` apart or, for [`Technique::Stacks`], a whole fraction of the voxels' distance
+    /// that is no larger; `None` for rays.
     #[must_use]
     pub fn new(
         technique: Technique,

@@ -1,10 +1,10 @@
 //! Polygons that slices are drawn on: a volume's box cut by planes, as triangles in drawing order.
 //!
-//! A plane meets the edges of a box in six places at most. They are sorted around their middle by a pseudo-angle, a quotient
-//! that grows with the angle (Moret and Shapiro, Algorithms from P to NP, 1991; in volume rendering: Ikits, Kniss, Lefohn and
-//! Hansen, GPU Gems, chapter 39, 2004), and what planes cut away of the polygon is clipped off (Sutherland and Hodgman, Reentrant
-//! polygon clipping, 1974). Polygons are a little larger than what they show: which pixels a slice reaches is decided in each
-//! pixel, by the same numbers as on the CPU.
+//! A plane meets the edges of a box in six places at most. They are sorted around their middle by a pseudo-angle, a
+//! quotient that grows with the angle (Moret and Shapiro, Algorithms from P to NP, 1991; in volume rendering: Ikits,
+//! Kniss, Lefohn and Hansen, GPU Gems, chapter 39, 2004), and what planes cut away of the polygon is clipped off
+//! (Sutherland and Hodgman, Reentrant polygon clipping, 1974). Polygons are a little larger than what they show: which
+//! pixels a slice reaches is decided in each pixel, by the same numbers as on the CPU.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
@@ -254,7 +254,8 @@ mod tests {
         assert!(clipped.is_empty());
     }
 
-    /// Slices are convex, lie where their numbers say, have a corner more for each plane at most, and come back to front.
+    /// Slices are convex, lie where their numbers say, have a corner more for each plane at most, and come back to
+    /// front.
     #[test]
     fn slices_are_convex_polygons_from_back_to_front() {
         let plane = ClipPlane { azimuth: 60.0, elevation: 10.0, offset: 0.2 };

@@ -1,4 +1,5 @@
-//! The passes that draw a volume as slices: all slices into a texture of light, blended back to front, then that over the background.
+//! The passes that draw a volume as slices: all slices into a texture of light, blended back to front, then that over
+//! the background.
 
 use std::ops::Range;
 
@@ -46,7 +47,8 @@ impl SliceBlending {
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses them.
     pub fn new(gpu: &Gpu, bindings: &Bindings) -> Result<Self> {
-        // What a faint slice adds is less than the last place of a half: off by 9/255 for αd = linear,0.1,15 and steps of a quarter.
+        // What a faint slice adds is less than the last place of a half: off by 9/255 for αd = linear,0.1,15 and steps
+        // of a quarter.
         let is_single = gpu.device.features().contains(Features::FLOAT32_BLENDABLE);
         let format = if is_single { TextureFormat::Rgba32Float } else { TextureFormat::Rgba16Float };
         gpu.checked("preparing to draw slices", || {

@@ -29,12 +29,13 @@ pub enum Integration {
 pub struct RenderSettings {
     /// Where the volume is sampled.
     pub technique: Technique,
-    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. A quarter leaves no visible rings.
+    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. A quarter leaves no
+    /// visible rings.
     pub step: f32,
     /// How samples stand for steps.
     pub integration: Integration,
-    /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and not as rings;
-    /// slices lie where they lie.
+    /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and
+    /// not as rings; slices lie where they lie.
     pub jitter: bool,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],

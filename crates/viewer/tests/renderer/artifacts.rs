@@ -8,7 +8,7 @@ use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::{draw_on_cpu, lit_share};
 use voxrole_tests::prepared;
 use voxrole_viewer::reference::RayMarcher;
-use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, EmphasisKind, Technique};
+use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, EmphasisKind, Integration, Technique};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
 use crate::phantom::{orthographic, region_at};
@@ -71,9 +71,14 @@ fn planes_show_no_bands() {
         for technique in Technique::ALL {
             let mut state = state_of_region([0.4, 0.6], THIN, camera);
             state.render_settings.technique = technique;
-            let bend = largest_bend(&volume, &state);
-            println!("{name} {technique:?}: bends by {bend:.3}/255");
-            assert!(bend < 0.5, "{name} {technique:?}: {bend}");
+            // Without integration a slanted plane has faint bands, those of stacks 1/cos as far apart as the voxels'
+            // planes.
+            for (integration, most) in [(Integration::Preintegrated, 0.1), (Integration::PostClassified, 6.0)] {
+                state.render_settings.integration = integration;
+                let bend = largest_bend(&volume, &state);
+                println!("{name} {technique:?} {integration:?}: bends by {bend:.3}/255");
+                assert!(bend < most, "{name} {technique:?} {integration:?}: {bend}");
+            }
         }
     }
 }
@@ -88,7 +93,7 @@ fn translucent_cut_faces_show_no_bands() {
         state.render_settings.technique = technique;
         let bend = largest_bend(&volume, &state);
         println!("{technique:?}: bends by {bend:.3}/255");
-        assert!(bend < 0.5, "{technique:?}: {bend}");
+        assert!(bend < 0.3, "{technique:?}: {bend}");
     }
 }
 

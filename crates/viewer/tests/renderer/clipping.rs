@@ -2,11 +2,11 @@
 
 use glam::Vec3;
 use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip};
-use voxrole_viewer::ViewState;
 use voxrole_viewer::bench::measure;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::reference::shading::shade;
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, ClipPlane, EmphasisKind, Technique};
+use voxrole_viewer::{Picture, ViewState};
 
 use crate::phantom::{Phantom, orthographic};
 
@@ -54,13 +54,20 @@ fn a_cut_face_is_lit_as_the_plane_it_is() {
     state.transfer_function.emphasis =
         BoundaryEmphasis { kind: EmphasisKind::Convex, a: 1.0, d_c: 6.0, n: 100.0 }.into();
     state.clipping.planes = vec![plane(0.0, 0.0, 0.0)];
-    let picture = draw_on_cpu(&volume, &state);
     let marcher = RayMarcher::new(&volume, &state, [128, 128]).expect("a size");
     let light = marcher.frame().light;
     let color = Vec3::from_array(state.transfer_function.regions[0].color);
     let lit = shade(color, Vec3::NEG_Y, Vec3::NEG_Y, light, &state.render_settings.shading);
     let expected = (lit * 255.0 + 0.5).to_array().map(|channel| channel as u8);
-    // The ring within four voxels of the ball's surface; a pixel is 0.86 voxels.
+    for technique in Technique::ALL {
+        state.render_settings.technique = technique;
+        assert_ring(&draw_on_cpu(&volume, &state), expected);
+    }
+}
+
+/// Asserts that the ring within four voxels of the ball's surface is of one colour.
+fn assert_ring(picture: &Picture, expected: [u8; 3]) {
+    // A pixel is 0.86 voxels.
     let mut pixels = 0;
     for (x, y) in (0..128_u32).flat_map(|y| (0..128_u32).map(move |x| (x, y))) {
         let from_middle = [x, y].map(|at| (f64::from(at) - 63.5) * f64::from(63.0_f32.hypot(63.0).hypot(63.0)) / 128.0);

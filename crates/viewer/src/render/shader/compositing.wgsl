@@ -9,8 +9,8 @@ fn first_sample(pixel: vec2<u32>) -> f32 {
 // What lies this close behind a plane that cuts is lit as the plane is.
 const FACE_DEPTH: f32 = 0.5;
 
-// What a sample sends to the viewer: colour premultiplied by opacity, and opacity. `face` is the share of it that lies on the face
-// of a cut with a normal that is not 0.
+// What a sample sends to the viewer: colour premultiplied by opacity, and opacity. `face` is the share of it that lies
+// on the face of a cut with a normal that is not 0.
 fn light_of_sample(role: RoleSample, ray: Ray, cut: vec3<f32>, face: f32, step: f32) -> vec4<f32> {
     let opacity = correct_opacity(role.opacity, step);
     // A face that was cut is lit as such, to a depth that does not depend on the step.
