@@ -1,6 +1,9 @@
 //! Drawing the same state on the CPU and the GPU, and how far two pictures are apart: all thresholds of image tests.
 
+use std::sync::Arc;
+
 use voxrole_viewer::reference::RayMarcher;
+use voxrole_viewer::scene::Surfaces;
 use voxrole_viewer::{Error, Gpu, Picture, Renderer, Target, ViewState, VolumeTexels};
 
 /// Largest root-mean-square difference of a channel between two pictures of the same state, in 1/255.
@@ -49,7 +52,10 @@ pub fn draw_on_cpu(volume: &VolumeTexels, state: &ViewState) -> Picture {
 #[must_use]
 pub fn draw_on_gpu(gpu: &Gpu, volume: &VolumeTexels, state: &ViewState) -> Picture {
     let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
-    Renderer::new(gpu, volume).expect("a renderer").draw(state, &target);
+    let mut renderer = Renderer::new(gpu, volume).expect("a renderer");
+    let surfaces = Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0]).expect("a scene");
+    renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size()).expect("has room");
+    renderer.draw(state, &target);
     target.read_back(gpu).expect("a picture")
 }
 

@@ -14,8 +14,11 @@ use rayon::prelude::*;
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
+use crate::scene::lines::lines;
+use crate::scene::rasterizer::rasterize;
+use crate::scene::{OpaquePixel, Surfaces};
 use crate::state::{Camera, ViewState};
-use crate::volume::VolumeTexels;
+use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use roles::Roles;
@@ -36,6 +39,7 @@ pub struct RayMarcher<'a> {
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
+    surfaces: Surfaces,
 }
 
 /// How many samples a picture took.
@@ -65,7 +69,7 @@ impl<'a> RayMarcher<'a> {
     /// Makes ready for a picture of `image_size` pixels.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`].
+    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`]; as [`Surfaces::new`].
     pub fn new(volume: &'a VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Result<Self> {
         let [width, height] = image_size;
         if image_size.iter().any(|side| !(1..=MAX_IMAGE_SIDE).contains(side)) {
@@ -77,7 +81,8 @@ impl<'a> RayMarcher<'a> {
         let frame = Frame::new(state, description, roles.emphases(), image_size);
         let leaps = state.render_settings.leaps;
         let occupancy = leaps.then(|| Occupancy::new(&MacrocellRanges::new(volume), &table, &frame));
-        Ok(Self { volume, state: state.clone(), roles, frame, occupancy })
+        let surfaces = Surfaces::new(&state.scene, description, |voxel| volume.texels[voxel][0])?;
+        Ok(Self { volume, state: state.clone(), roles, frame, occupancy, surfaces })
     }
 
     /// Moves the camera; everything else stays.
@@ -90,6 +95,18 @@ impl<'a> RayMarcher<'a> {
     #[must_use]
     pub fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    /// What is drawn.
+    #[must_use]
+    pub fn state(&self) -> &ViewState {
+        &self.state
+    }
+
+    /// The volume that is drawn.
+    #[must_use]
+    pub fn volume(&self) -> &VolumeDescription {
+        &self.volume.description
     }
 
     /// Draws the picture, rows in parallel.
@@ -110,10 +127,23 @@ impl<'a> RayMarcher<'a> {
     pub fn light(&self) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
-        let rows =
-            pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| march_row(self, y as u32, row));
+        let opaque = self.opaque();
+        let rows = pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
+            let opaque = opaque.get(y * width as usize..).unwrap_or_default();
+            march_row(self, y as u32, row, opaque)
+        });
         let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
+    }
+
+    /// What every pixel shows of opaque geometry, the top row first; empty where there is none.
+    #[must_use]
+    pub fn opaque(&self) -> Vec<OpaquePixel> {
+        if self.state.scene.is_empty() {
+            return Vec::new();
+        }
+        let lines = lines(&self.state, &self.volume.description, &self.frame);
+        rasterize(&[&self.surfaces.triangles, &lines], &self.frame)
     }
 
     /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
@@ -134,19 +164,22 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back, with the first sample so far into the first step.
+    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is opaque.
     #[inline(always)]
-    fn march(&self, ray: &Ray, first: f32, counts: &mut SampleCounts) -> PixelLight {
+    fn march(&self, ray: &Ray, first: f32, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
         let mut cell = Cell::default();
         let leaping = LeapingRay::new(frame, ray);
         let Interval { entry, exit, cut } = frame.interval(ray);
-        counts.all += ((exit - entry) / frame.step + (1.0 - first)).max(0.0) as u64;
+        counts.all += ((exit.min(opaque.along) - entry) / frame.step + (1.0 - first)).max(0.0) as u64;
         let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
+        // How many steps end before what is opaque: the one that it cuts short counts for its share alone.
+        let steps =
+            if opaque.along < exit { steps_before(opaque.along - entry, first, frame.step) } else { f32::INFINITY };
         let mut along = entry + first * frame.step;
         let mut count = 0.0;
-        while along < exit && sum.w <= frame.termination_opacity {
+        while along < exit && count < steps && sum.w <= frame.termination_opacity {
             let place = sampler.place(ray.origin + along * ray.direction);
             let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
@@ -159,12 +192,10 @@ impl<'a> RayMarcher<'a> {
             counts.taken += 1;
             let sample = sampler.sample(place, ray.direction, &mut cell);
             if sample.opacity > 0.0 {
-                let opacity = correct_opacity(sample.opacity, frame.step);
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
                 let is_on_face = count == 0.0 || along - entry <= FACE_DEPTH;
                 let normal = if is_on_face && cut != Vec3::ZERO { cut } else { sample.normal };
-                let color = shade(sample.color, normal, -ray.direction, frame.light, &frame.shading);
-                sum += (1.0 - sum.w) * opacity * color.extend(1.0);
+                sum += (1.0 - sum.w) * self.light_of(&sample, normal, ray, frame.step);
                 if depth.is_nan() && sum.w >= 0.5 {
                     depth = along;
                 }
@@ -173,17 +204,67 @@ impl<'a> RayMarcher<'a> {
             count += 1.0;
             along = entry + (count + first) * frame.step;
         }
+        if steps.is_finite() && sum.w <= frame.termination_opacity {
+            let start = entry.max(entry + (steps + first - 0.5) * frame.step);
+            sum += (1.0 - sum.w)
+                * self.cut_short(
+                    ray,
+                    [start, opaque.along],
+                    if start - entry <= FACE_DEPTH { cut } else { Vec3::ZERO },
+                );
+            if depth.is_nan() && sum.w >= 0.5 {
+                depth = 0.5 * (start + opaque.along);
+            }
+        }
+        if opaque.is_some() {
+            sum += (1.0 - sum.w) * opaque.color.extend(1.0);
+            depth = if depth.is_nan() { opaque.along } else { depth };
+        }
         PixelLight { light: sum, depth }
     }
+
+    /// What a sample adds where it stands for a path of some length: colour premultiplied by opacity, and opacity.
+    #[inline(always)]
+    fn light_of(&self, sample: &RoleSample, normal: Vec3, ray: &Ray, length: f32) -> Vec4 {
+        let opacity = correct_opacity(sample.opacity, length);
+        let color = shade(sample.color, normal, -ray.direction, self.frame.light, &self.frame.shading);
+        opacity * color.extend(1.0)
+    }
+
+    /// What the part of a step adds that lies before something opaque, on a face that was cut where `cut` is not 0.
+    fn cut_short(&self, ray: &Ray, [start, end]: [f32; 2], cut: Vec3) -> Vec4 {
+        let length = end - start;
+        // False for NaN too.
+        if !(length > 0.0) {
+            return Vec4::ZERO;
+        }
+        let half_step = if self.frame.half_step > 0.0 { 0.5 * length } else { 0.0 };
+        let frame = Frame { half_step, ..self.frame };
+        let sampler = Sampler::new(self.volume, &self.roles, &frame);
+        let place = sampler.place(ray.origin + (start + 0.5 * length) * ray.direction);
+        let sample = sampler.sample(place, ray.direction, &mut Cell::default());
+        if sample.opacity > 0.0 {
+            let normal = if cut == Vec3::ZERO { sample.normal } else { cut };
+            self.light_of(&sample, normal, ray, length)
+        } else {
+            Vec4::ZERO
+        }
+    }
+}
+
+/// How many steps of a ray end within a length; samples lie in the middles of steps, the first one so far into the ray's first step.
+fn steps_before(length: f32, first: f32, step: f32) -> f32 {
+    (length / step - first + 0.5).floor().max(0.0)
 }
 
 /// A row of pixels, with the processor's own instructions; the bits are the same with any.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2"))]
-fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight]) -> SampleCounts {
+fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight], opaque: &[OpaquePixel]) -> SampleCounts {
     let mut counts = SampleCounts::default();
     for (x, pixel) in row.iter_mut().enumerate() {
         let (ray, first) = (marcher.frame.ray(x as u32, y), marcher.frame.first_sample(x as u32, y));
-        *pixel = marcher.march(&ray, first, &mut counts);
+        let opaque = opaque.get(x).unwrap_or(&OpaquePixel::NONE);
+        *pixel = marcher.march(&ray, first, opaque, &mut counts);
     }
     counts
 }

@@ -1,5 +1,6 @@
 //! The GPU ray marcher: device and state in, picture out. The window and the picture file share it.
 
+mod geometry;
 pub mod gpu;
 mod lookup_textures;
 mod ray_march;

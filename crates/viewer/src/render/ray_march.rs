@@ -25,8 +25,8 @@ pub struct RayMarch {
 }
 
 impl RayMarch {
-    /// Compiles the shaders.
-    pub fn new(gpu: &Gpu) -> Self {
+    /// Compiles the shaders; `opaque` is the layout of what the rays end at.
+    pub fn new(gpu: &Gpu, uniforms: Buffer, opaque: &BindGroupLayout) -> Self {
         let layout = gpu.device.create_bind_group_layout(&BindGroupLayoutDescriptor {
             label: Some("ray march"),
             entries: &[
@@ -46,13 +46,7 @@ impl RayMarch {
                 entry(6, float_texture(TextureViewDimension::D3)),
             ],
         });
-        let uniforms = gpu.device.create_buffer(&BufferDescriptor {
-            label: Some("frame"),
-            size: size_of::<Uniforms>() as u64,
-            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        Self { pipeline: pipeline(gpu, &layout), layout, uniforms }
+        Self { pipeline: pipeline(gpu, [&layout, opaque]), layout, uniforms }
     }
 
     /// Binds a volume and what is made of it.
@@ -79,7 +73,13 @@ impl RayMarch {
     }
 
     /// Records the pass over some rows of the target; the others stay as they are.
-    pub fn record(&self, encoder: &mut CommandEncoder, bind_group: &BindGroup, target: &Target, rows: Range<u32>) {
+    pub fn record(
+        &self,
+        encoder: &mut CommandEncoder,
+        bind_groups: [&BindGroup; 2],
+        target: &Target,
+        rows: Range<u32>,
+    ) {
         let [width, height] = target.size();
         assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let mut pass = encoder.begin_render_pass(&RenderPassDescriptor {
@@ -95,9 +95,20 @@ impl RayMarch {
         });
         pass.set_scissor_rect(0, rows.start, width, rows.end - rows.start);
         pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, bind_group, &[]);
+        pass.set_bind_group(0, bind_groups[0], &[]);
+        pass.set_bind_group(1, bind_groups[1], &[]);
         pass.draw(0..3, 0..1);
     }
+}
+
+/// Room for the numbers of a picture.
+pub fn uniforms(gpu: &Gpu) -> Buffer {
+    gpu.device.create_buffer(&BufferDescriptor {
+        label: Some("frame"),
+        size: size_of::<Uniforms>() as u64,
+        usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
 }
 
 fn entry(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
@@ -113,14 +124,14 @@ fn float_texture(view_dimension: TextureViewDimension) -> BindingType {
     BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }
 
-fn pipeline(gpu: &Gpu, layout: &BindGroupLayout) -> RenderPipeline {
+fn pipeline(gpu: &Gpu, [layout, opaque]: [&BindGroupLayout; 2]) -> RenderPipeline {
     let module = gpu.device.create_shader_module(ShaderModuleDescriptor {
         label: Some("ray march"),
         source: ShaderSource::Wgsl(shader::SOURCE.into()),
     });
     let layout = gpu.device.create_pipeline_layout(&PipelineLayoutDescriptor {
         label: Some("ray march"),
-        bind_group_layouts: &[Some(layout)],
+        bind_group_layouts: &[Some(layout), Some(opaque)],
         immediate_size: 0,
     });
     gpu.device.create_render_pipeline(&RenderPipelineDescriptor {

@@ -1,19 +1,22 @@
 //! One renderer for the window and the picture file.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use wgpu::{BindGroup, CommandEncoderDescriptor};
 
+use super::geometry::Geometry;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
-use super::ray_march::RayMarch;
+use super::ray_march::{self, RayMarch};
 use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::VolumeTextures;
 use crate::Result;
 use crate::classify::EmphasisTable;
 use crate::frame::Frame;
-use crate::state::{TransferFunction, ViewState};
+use crate::scene::Surfaces;
+use crate::state::{Scene, TransferFunction, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A volume on a device, ready to be drawn.
@@ -26,6 +29,7 @@ pub struct Renderer {
     lookup_textures: LookupTextures,
     ray_march: RayMarch,
     bind_group: BindGroup,
+    geometry: Geometry,
 }
 
 impl Renderer {
@@ -38,10 +42,21 @@ impl Renderer {
         let volume_textures = VolumeTextures::new(gpu, volume)?;
         gpu.checked("preparing to draw", || {
             let lookup_textures = LookupTextures::new(gpu, volume);
-            let ray_march = RayMarch::new(gpu);
+            let uniforms = ray_march::uniforms(gpu);
+            let geometry = Geometry::new(gpu, &uniforms);
+            let ray_march = RayMarch::new(gpu, uniforms, geometry.layout());
             let bind_group = ray_march.bind(gpu, volume_textures.view(), &lookup_textures);
             let volume = volume.description.clone();
-            Self { gpu: gpu.clone(), volume, emphases: None, volume_textures, lookup_textures, ray_march, bind_group }
+            Self {
+                gpu: gpu.clone(),
+                volume,
+                emphases: None,
+                volume_textures,
+                lookup_textures,
+                ray_march,
+                bind_group,
+                geometry,
+            }
         })
     }
 
@@ -51,10 +66,25 @@ impl Renderer {
         &self.gpu
     }
 
+    /// What is drawn.
+    #[must_use]
+    pub fn volume(&self) -> &VolumeDescription {
+        &self.volume
+    }
+
     /// The level of detail that is drawn.
     #[must_use]
     pub fn level(&self) -> usize {
         self.volume.level
+    }
+
+    /// Uploads the surfaces of a scene, and makes room for pictures of a size. What is not prepared is not drawn: pictures of another
+    /// size and states with another scene have none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device's memory does not suffice.
+    pub fn prepare_scene(&mut self, scene: &Scene, surfaces: &Arc<Surfaces>, size: [u32; 2]) -> Result<()> {
+        self.geometry.prepare(&self.gpu, scene, surfaces, size)
     }
 
     /// Draws the volume over the whole target. Returns before the device has finished.
@@ -80,7 +110,8 @@ impl Renderer {
         }
         self.ray_march.set_uniforms(gpu, &Uniforms::from(&frame));
         let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("picture") });
-        self.ray_march.record(&mut encoder, &self.bind_group, target, rows);
+        let opaque = self.geometry.record(gpu, &mut encoder, state, &self.volume, &frame);
+        self.ray_march.record(&mut encoder, [&self.bind_group, opaque], target, rows);
         gpu.queue.submit([encoder.finish()]);
     }
 }

@@ -6,5 +6,6 @@ mod integration;
 mod packed_file;
 mod phantom;
 mod sampling_rule;
+mod scene;
 mod shells;
 mod skipping;

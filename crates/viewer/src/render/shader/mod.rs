@@ -8,8 +8,13 @@ pub const SOURCE: &str = concat!(
     include_str!("sampling.wgsl"),
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
+    include_str!("opaque.wgsl"),
     include_str!("compositing.wgsl"),
 );
+
+/// The module that draws triangles: vertex entry point `geometry_vertex`, fragment entry point `geometry_fragment`.
+pub const GEOMETRY_SOURCE: &str =
+    concat!(include_str!("view.wgsl"), include_str!("shading.wgsl"), include_str!("geometry.wgsl"));
 
 #[cfg(test)]
 mod tests {
@@ -22,14 +27,16 @@ mod tests {
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
+    use crate::scene::projection::NEAR;
 
-    const CHUNKS: [(&str, &str); 7] = [
+    const CHUNKS: [(&str, &str); 8] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
         ("sampling", include_str!("sampling.wgsl")),
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
+        ("opaque", include_str!("opaque.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
     ];
 
@@ -46,6 +53,16 @@ mod tests {
                 .unwrap_or_else(|error| panic!("{name}.wgsl: {}", error.emit_to_string(&source)));
         }
         assert_eq!(source, SOURCE);
+    }
+
+    #[test]
+    fn geometry_is_valid() {
+        let module = naga::front::wgsl::parse_str(GEOMETRY_SOURCE)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(GEOMETRY_SOURCE)));
+        Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(GEOMETRY_SOURCE)));
+        assert!(GEOMETRY_SOURCE.contains(&format!("const NEAR: f32 = {NEAR:?};")));
     }
 
     #[test]

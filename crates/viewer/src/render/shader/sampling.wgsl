@@ -1,5 +1,8 @@
 // Opacity, colour and normal between voxels: the twin of reference/sampling.rs, which explains the rule.
 
+// Half of the path that a sample stands for where opacity is integrated along it, or 0.
+var<private> half_step: f32;
+
 struct RoleSample {
     opacity: f32,
     color: vec3<f32>,
@@ -100,7 +103,7 @@ fn add_voxel(
     }
     let normal = decode_normal(texel.w);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
-    let half = abs(dot(normal, direction)) * frame.half_step;
+    let half = abs(dot(normal, direction)) * half_step;
     let share = weight * opacity_of_step(bin, by_role.a, distance, half);
     (*sum).opacity += share;
     (*sum).color += share * by_role.rgb;
