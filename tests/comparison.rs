@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use voxrole_viewer::reference::RayMarcher;
+use voxrole_viewer::scene::Surfaces;
 use voxrole_viewer::{Error, Gpu, Picture, Renderer, Target, ViewState, VolumeTexels};
 
 /// Largest root-mean-square difference of a channel between two pictures of the same state, in 1/255.
@@ -66,6 +67,8 @@ pub fn draw_with_budget(
 ) -> (Picture, Option<u64>) {
     let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
     let mut renderer = Renderer::new(gpu, volume, budget).expect("a renderer");
+    let surfaces = Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0]).expect("a scene");
+    renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size()).expect("has room");
     renderer.draw(state, &target).expect("draws");
     (target.read_back(gpu).expect("a picture"), renderer.bricks_uploaded())
 }

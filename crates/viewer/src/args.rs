@@ -8,6 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
+use crate::scene_args::SceneArgs;
 use crate::state::color::parse_color;
 use crate::state::{Camera, Classification, ClipPlane, Crop, Curve, Integration, Region, Technique, TwoSidedEmphasis};
 
@@ -168,6 +169,9 @@ pub struct ViewArgs {
     /// Colour behind the volume [default: 000000].
     #[arg(long, value_name = "RRGGBB", value_parser = parse_background)]
     pub background: Option<Background>,
+    /// What is drawn beside the volume.
+    #[command(flatten)]
+    pub scene: SceneArgs,
 }
 
 /// What `bench` takes.

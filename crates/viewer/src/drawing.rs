@@ -3,14 +3,17 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::Vec3;
 use wgpu::PollType;
 
 use voxrole_preprocess::console::tell;
 
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::render::{Gpu, Renderer, Target};
+use crate::scene::scale_bar::{draw_over_light, draw_over_picture};
+use crate::scene::{ScaleBar, Surfaces};
 use crate::state::{Camera, ViewState};
-use crate::volume::VolumeTexels;
+use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, Result};
 
 /// Rows that are drawn first; then as many as can be drawn in the time below.
@@ -38,7 +41,7 @@ impl<'a> Drawing<'a> {
     /// On the GPU, of whose memory the volume takes `budget` bytes at most, or on the CPU where there is no adapter but the CPU; says on standard error which it is.
     ///
     /// # Errors
-    /// When the volume or the picture does not fit the device.
+    /// When the volume or the picture does not fit the device; as [`Surfaces::new`].
     pub fn new(volume: &'a Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
         let gpu = match Gpu::new() {
             Ok(gpu) if gpu.is_cpu => {
@@ -55,14 +58,16 @@ impl<'a> Drawing<'a> {
         };
         tell(format!("voxrole-view: drawing on {}", gpu.name));
         let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let renderer = Renderer::new(&gpu, volume, budget)?;
+        let mut renderer = Renderer::new(&gpu, volume, budget)?;
+        let surfaces = Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0])?;
+        renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size())?;
         Ok(Self::Gpu(Box::new(OnGpu { gpu, renderer, target, state: state.clone() })))
     }
 
     /// On the CPU.
     ///
     /// # Errors
-    /// [`Error::PictureSize`].
+    /// [`Error::PictureSize`]; as [`Surfaces::new`].
     pub fn on_cpu(volume: &'a VolumeTexels, state: &ViewState) -> Result<Self> {
         Ok(Self::Cpu(Box::new(RayMarcher::new(volume, state, state.render_settings.image_size)?)))
     }
@@ -70,20 +75,27 @@ impl<'a> Drawing<'a> {
     /// The picture from a camera.
     ///
     /// # Errors
-    /// [`Error::Device`] when the device is lost.
+    /// [`Error::Device`] when the device is lost, [`Error::Label`] when the scale bar's label cannot be drawn.
     pub fn draw(&mut self, camera: &Camera) -> Result<Drawn> {
         match self {
             Self::Cpu(marcher) => {
                 marcher.look_from(camera);
-                let (light, samples) = marcher.light();
+                let (mut light, samples) = marcher.light();
                 let background = marcher.frame().background;
+                if let Some(bar) = scale_bar(marcher.state(), marcher.volume()) {
+                    draw_over_light(&bar, &mut light, background)?;
+                }
                 Ok(Drawn { picture: light.picture(Some(background)), light: Some(light), samples: Some(samples) })
             }
             Self::Gpu(on_gpu) => {
                 let OnGpu { gpu, renderer, target, state } = &mut **on_gpu;
                 state.camera = *camera;
                 draw_in_strips(gpu, renderer, state, target)?;
-                Ok(Drawn { picture: target.read_back(gpu)?, light: None, samples: None })
+                let mut picture = target.read_back(gpu)?;
+                if let Some(bar) = scale_bar(state, renderer.volume()) {
+                    draw_over_picture(&bar, &mut picture, Vec3::from_array(state.render_settings.background))?;
+                }
+                Ok(Drawn { picture, light: None, samples: None })
             }
         }
     }
@@ -108,6 +120,12 @@ fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target:
         row = end;
     }
     Ok(())
+}
+
+/// The bar over a picture, where one is wanted.
+pub(crate) fn scale_bar(state: &ViewState, volume: &VolumeDescription) -> Option<ScaleBar> {
+    let wanted = state.scene.scale_bar.then(|| ScaleBar::new(state, volume, state.render_settings.image_size));
+    wanted.flatten()
 }
 
 /// A picture, and on the CPU what it was made of.

@@ -27,6 +27,22 @@ pub enum Error {
         /// Most pixels along a side.
         limit: u32,
     },
+    /// A surface cannot be read out of its file.
+    #[error("{path}: {reason}")]
+    Mesh {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A volume has no surface of a value, or one too large to be drawn.
+    #[error("isosurface of {value}: {reason}")]
+    Isosurface {
+        /// The value asked for.
+        value: f32,
+        /// Why it cannot be drawn.
+        reason: String,
+    },
     /// The device refused or lost its work.
     #[error("{action} failed on {device}: {reason}")]
     Device {
@@ -40,6 +56,9 @@ pub enum Error {
     /// A picture cannot be encoded.
     #[error("encoding the picture as PNG: {0}")]
     Encode(#[from] image::ImageError),
+    /// The scale bar's label cannot be drawn.
+    #[error(transparent)]
+    Label(#[from] voxrole_preprocess::Error),
     /// Pictures cannot be encoded as an animation.
     #[error("encoding the pictures as an animated PNG: {0}")]
     Animation(#[from] png::EncodingError),

@@ -221,7 +221,7 @@ impl Frame {
 }
 
 /// From the first voxel's middle to the last's; an axis with one voxel is a slab as thick as its spacing.
-fn drawn_box(dims: [u32; 3], spacing: Vec3) -> [Vec3; 2] {
+pub(crate) fn drawn_box(dims: [u32; 3], spacing: Vec3) -> [Vec3; 2] {
     let axis = |dim: u32, spacing: f32| match dim {
         0 | 1 => [-0.5 * spacing, 0.5 * spacing],
         _ => [0.0, (dim - 1) as f32 * spacing],

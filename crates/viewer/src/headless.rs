@@ -225,7 +225,9 @@ pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState>
 /// When the session cannot be read, or too much is asked for.
 fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
-    let ViewState { camera, transfer_function, clipping, render_settings } = &mut state;
+    let ViewState { camera, transfer_function, clipping, render_settings, scene } = &mut state;
+    arguments.scene.apply(scene);
+    scene.check()?;
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
         if let Some(typed) = typed {
             place.clone_from(typed);

@@ -18,6 +18,8 @@ pub mod open;
 pub mod picture;
 pub mod reference;
 pub mod render;
+pub mod scene;
+pub mod scene_args;
 pub mod slicing;
 pub mod state;
 #[cfg(feature = "window")]

@@ -85,6 +85,8 @@ pub struct Samples {
     half_step: f32,
     /// For slices how many follow the first one; negative for none.
     last: Option<f32>,
+    /// For rays how many steps end before something opaque: the one that it cuts short counts for its share alone.
+    whole: f32,
 }
 
 /// One of them.
@@ -99,13 +101,21 @@ pub struct Sample {
 }
 
 impl Samples {
-    /// Of the part of a ray that is drawn; `share` says where in a step the samples of [`Technique::Rays`] lie.
+    /// Of the part of a ray that is drawn; `share` says where in a step the samples of [`Technique::Rays`] lie. The ray ends at `opaque`
+    /// at the latest, which is infinite for none.
     #[must_use]
     #[inline(always)]
-    pub fn new(frame: &Frame, ray: &Ray, interval: &Interval, share: f32) -> Self {
-        let (step, half_step, ends) = (frame.step, frame.half_step, [interval.entry, interval.exit]);
+    pub fn new(frame: &Frame, ray: &Ray, interval: &Interval, share: f32, opaque: f32) -> Self {
+        let (step, half_step, entry) = (frame.step, frame.half_step, interval.entry);
+        let ends = [entry, interval.exit.min(opaque)];
+        let whole = if opaque < interval.exit {
+            // Samples lie in the middles of steps, the first one so far into the ray's first step.
+            ((opaque - entry) / step - share + 0.5).floor().max(0.0)
+        } else {
+            f32::INFINITY
+        };
         match &frame.slicing {
-            None => Self { interval: ends, start: interval.entry, step, share, half_step, last: None },
+            None => Self { interval: ends, start: entry, step, share, half_step, last: None, whole },
             Some(slicing) => Self::on_slices(slicing, ray, ends, half_step),
         }
     }
@@ -124,7 +134,15 @@ impl Samples {
         ];
         let last = if interval[1] > interval[0] { last - first } else { -1.0 };
         let step = per_length.recip();
-        Self { interval, start: (first - origin) * step, step, share: 0.5, half_step, last: Some(last) }
+        Self {
+            interval,
+            start: (first - origin) * step,
+            step,
+            share: 0.5,
+            half_step,
+            last: Some(last),
+            whole: f32::INFINITY,
+        }
     }
 
     /// The sample with a number, counted from 0; `None` behind the last one.
@@ -133,6 +151,9 @@ impl Samples {
     pub fn at(&self, count: f32) -> Option<Sample> {
         let [entry, exit] = self.interval;
         let Some(last) = self.last else {
+            if count >= self.whole {
+                return self.cut_short(count);
+            }
             let along = self.start + (count + self.share) * self.step;
             return (along < exit).then_some(Sample { along, step: self.step, half_step: self.half_step });
         };
@@ -143,6 +164,15 @@ impl Samples {
         let end = if count == last { exit } else { self.start + (count + 1.0) * self.step };
         let step = end - begin;
         Some(Sample { along: 0.5 * (begin + end), step, half_step: self.half_step.min(0.5 * step) })
+    }
+
+    /// The step that ends at something opaque.
+    fn cut_short(&self, count: f32) -> Option<Sample> {
+        let [entry, exit] = self.interval;
+        let start = entry.max(entry + (self.whole + self.share - 0.5) * self.step);
+        let step = exit - start;
+        let sample = Sample { along: start + 0.5 * step, step, half_step: self.half_step.min(0.5 * step) };
+        (count == self.whole && step > 0.0).then_some(sample)
     }
 
     /// How many there are.
@@ -211,7 +241,7 @@ mod tests {
                     for pixel in 0..32 * 24 {
                         let ray = frame.ray(pixel % 32, pixel / 32);
                         let interval = frame.interval(&ray);
-                        let samples = Samples::new(&frame, &ray, &interval, 0.5);
+                        let samples = Samples::new(&frame, &ray, &interval, 0.5, f32::INFINITY);
                         let found = samples_of(&samples);
                         assert_eq!(found.len() as u64, samples.count());
                         let Some(first) = found.first() else { continue };
@@ -249,7 +279,7 @@ mod tests {
             let camera = Camera { projection: Projection::Orthographic, ..Camera::from_preset(CameraPreset::Top) };
             let frame = frame(technique, camera, [20, 12, 1], 16.0);
             let ray = frame.ray(16, 12);
-            let samples = samples_of(&Samples::new(&frame, &ray, &frame.interval(&ray), 0.5));
+            let samples = samples_of(&Samples::new(&frame, &ray, &frame.interval(&ray), 0.5, f32::INFINITY));
             assert_eq!(samples.len(), 1, "{samples:?}");
             assert!((samples[0].step - 3.0).abs() < 1e-3, "{samples:?}");
         }
@@ -266,7 +296,7 @@ mod tests {
             (state.render_settings.technique, state.render_settings.step) = (technique, 1.0 / 64.0);
             let frame = Frame::new(&state, &volume, &EmphasisTable::new(&state.transfer_function), [1, 1]);
             let ray = frame.ray(0, 0);
-            let samples = Samples::new(&frame, &ray, &frame.interval(&ray), 0.5);
+            let samples = Samples::new(&frame, &ray, &frame.interval(&ray), 0.5, f32::INFINITY);
             let last = samples.count() as f32;
             assert!(last > 1e5 && last < 8_388_608.0, "{technique:?}: {last} samples");
             assert!(samples.at(last - 1.0).is_some() && samples.at(last + 1.0).is_none());

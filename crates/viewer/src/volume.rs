@@ -16,6 +16,8 @@ pub struct VolumeDescription {
     pub dims: [u32; 3],
     /// Distance between neighbouring voxels along each axis, in world units.
     pub spacing: [f64; 3],
+    /// World position of voxel (0, 0, 0).
+    pub origin: [f64; 3],
     /// The rotation, mirrored or not, from grid axes to world axes.
     pub world_from_axes: DMat3,
     /// Unit of the world's lengths, or empty.
@@ -34,7 +36,7 @@ pub struct VolumeDescription {
 }
 
 impl VolumeDescription {
-    /// Takes over a grid, whose origin does not matter to a picture.
+    /// Takes over a grid.
     #[must_use]
     pub fn new(
         geometry: &GridGeometry,
@@ -45,6 +47,7 @@ impl VolumeDescription {
         Self {
             dims: geometry.dims,
             spacing: geometry.spacing,
+            origin: geometry.origin,
             world_from_axes: geometry.world_from_axes(),
             unit: geometry.unit.clone(),
             frame: geometry.frame,

@@ -11,6 +11,7 @@ mod lettering;
 mod marker;
 pub mod numbers;
 mod slice;
+mod text_coverage;
 
 use std::io::Cursor;
 
@@ -24,6 +25,7 @@ pub use histogram_csv::histogram_csv;
 pub use histogram_npy::{HistogramArrays, histogram_npy};
 pub use marker::SeriesStyle;
 pub use slice::{SliceAxis, SliceShading, slice_image, slice_png};
+pub use text_coverage::{TextCoverage, text_coverage};
 
 /// What a histogram's plot and table say about where it comes from.
 #[derive(Clone, Copy, Debug, Default)]

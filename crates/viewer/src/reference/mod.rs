@@ -15,9 +15,12 @@ use rayon::prelude::*;
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, ValueTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
+use crate::scene::lines::lines;
+use crate::scene::rasterizer::rasterize;
+use crate::scene::{OpaquePixel, Surfaces};
 use crate::slicing::Samples;
 use crate::state::{Camera, Classification, ViewState};
-use crate::volume::VolumeTexels;
+use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use roles::Roles;
@@ -41,6 +44,7 @@ pub struct RayMarcher<'a> {
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
+    surfaces: Surfaces,
 }
 
 /// How many samples a picture took.
@@ -70,7 +74,7 @@ impl<'a> RayMarcher<'a> {
     /// Makes ready for a picture of `image_size` pixels.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`].
+    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`]; as [`Surfaces::new`].
     pub fn new(volume: &'a VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Result<Self> {
         let [width, height] = image_size;
         if image_size.iter().any(|side| !(1..=MAX_IMAGE_SIDE).contains(side)) {
@@ -86,7 +90,8 @@ impl<'a> RayMarcher<'a> {
             Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
         };
         let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
-        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy })
+        let surfaces = Surfaces::new(&state.scene, description, |voxel| volume.texels[voxel][0])?;
+        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, surfaces })
     }
 
     /// Moves the camera; everything else stays.
@@ -108,6 +113,18 @@ impl<'a> RayMarcher<'a> {
         &self.frame
     }
 
+    /// What is drawn.
+    #[must_use]
+    pub fn state(&self) -> &ViewState {
+        &self.state
+    }
+
+    /// The volume that is drawn.
+    #[must_use]
+    pub fn volume(&self) -> &VolumeDescription {
+        &self.volume.description
+    }
+
     /// Draws the picture, rows in parallel.
     #[must_use]
     pub fn draw(&self) -> Picture {
@@ -126,10 +143,23 @@ impl<'a> RayMarcher<'a> {
     pub fn light(&self) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
-        let rows =
-            pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| march_row(self, y as u32, row));
+        let opaque = self.opaque();
+        let rows = pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
+            let opaque = opaque.get(y * width as usize..).unwrap_or_default();
+            march_row(self, y as u32, row, opaque)
+        });
         let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
+    }
+
+    /// What every pixel shows of opaque geometry, the top row first; empty where there is none.
+    #[must_use]
+    pub fn opaque(&self) -> Vec<OpaquePixel> {
+        if self.state.scene.is_empty() {
+            return Vec::new();
+        }
+        let lines = lines(&self.state, &self.volume.description, &self.frame);
+        rasterize(&[&self.surfaces.triangles, &lines], &self.frame)
     }
 
     /// `α = αu · αd` for a path of `L_min` at a place in index coordinates, voxel centres on integers.
@@ -150,15 +180,15 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back, with the first sample so far into the first step.
+    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is opaque.
     #[inline(always)]
-    fn march(&self, ray: &Ray, first: f32, counts: &mut SampleCounts) -> PixelLight {
+    fn march(&self, ray: &Ray, first: f32, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
         let mut cell = Cell::default();
         let leaping = LeapingRay::new(frame, ray);
         let interval @ Interval { cut, .. } = frame.interval(ray);
-        let samples = Samples::new(frame, ray, &interval, first);
+        let samples = Samples::new(frame, ray, &interval, first, opaque.along);
         counts.all += samples.count();
         let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
         let mut count = 0.0;
@@ -197,6 +227,10 @@ impl<'a> RayMarcher<'a> {
             // Not a running sum, whose rounding errors would add up.
             count += 1.0;
         }
+        if opaque.is_some() {
+            sum += (1.0 - sum.w) * opaque.color.extend(1.0);
+            depth = if depth.is_nan() { opaque.along } else { depth };
+        }
         PixelLight { light: sum, depth }
     }
 }
@@ -222,11 +256,12 @@ fn occupancy(
 
 /// A row of pixels, with the processor's own instructions; the bits are the same with any.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2"))]
-fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight]) -> SampleCounts {
+fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight], opaque: &[OpaquePixel]) -> SampleCounts {
     let mut counts = SampleCounts::default();
     for (x, pixel) in row.iter_mut().enumerate() {
         let (ray, first) = (marcher.frame.ray(x as u32, y), marcher.frame.first_sample(x as u32, y));
-        *pixel = marcher.march(&ray, first, &mut counts);
+        let opaque = opaque.get(x).unwrap_or(&OpaquePixel::NONE);
+        *pixel = marcher.march(&ray, first, opaque, &mut counts);
     }
     counts
 }

@@ -45,6 +45,8 @@ impl Bindings {
                 entry(7, integer_texture(TextureViewDimension::D3)),
                 entry(8, float_texture(TextureViewDimension::D2)),
                 entry(9, float_texture(TextureViewDimension::D2)),
+                entry(10, float_texture(TextureViewDimension::D2)),
+                entry(11, integer_texture(TextureViewDimension::D2)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -56,8 +58,14 @@ impl Bindings {
         Self { layout, uniforms }
     }
 
-    /// Binds a volume and what is made of it.
-    pub fn bind(&self, gpu: &Gpu, [volume, pages]: [TextureView; 2], lookup_textures: &LookupTextures) -> BindGroup {
+    /// Binds a volume, what is made of it, and what its rays end at.
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        [volume, pages]: [TextureView; 2],
+        lookup_textures: &LookupTextures,
+        [opaque_color, opaque_along]: [TextureView; 2],
+    ) -> BindGroup {
         let [opacity_table, occupancy, emphases, emphasis_table, preintegration, value_table, front_to_back] =
             lookup_textures.views();
         gpu.device.create_bind_group(&BindGroupDescriptor {
@@ -74,8 +82,15 @@ impl Bindings {
                 BindGroupEntry { binding: 7, resource: BindingResource::TextureView(&pages) },
                 BindGroupEntry { binding: 8, resource: BindingResource::TextureView(&value_table) },
                 BindGroupEntry { binding: 9, resource: BindingResource::TextureView(&front_to_back) },
+                BindGroupEntry { binding: 10, resource: BindingResource::TextureView(&opaque_color) },
+                BindGroupEntry { binding: 11, resource: BindingResource::TextureView(&opaque_along) },
             ],
         })
+    }
+
+    /// The numbers of the next picture.
+    pub fn uniforms(&self) -> &Buffer {
+        &self.uniforms
     }
 
     /// Sets the numbers of the next picture.

@@ -3,6 +3,7 @@
 mod bindings;
 mod brick_atlas;
 mod brick_march;
+mod geometry;
 pub mod gpu;
 mod lookup_textures;
 mod proxy_geometry;

@@ -8,6 +8,7 @@ use wgpu::{BindGroup, TextureView};
 use super::bindings::Bindings;
 use super::brick_atlas::BrickAtlas;
 use super::brick_march::{BrickMarch, MOST_OF_STEP};
+use super::geometry::Geometry;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
 use super::ray_march::RayMarch;
@@ -18,7 +19,8 @@ use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
 use crate::classify::EmphasisTable;
 use crate::frame::Frame;
-use crate::state::{Classification, TransferFunction, ViewState};
+use crate::scene::Surfaces;
+use crate::state::{Classification, Scene, TransferFunction, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A volume on a device, ready to be drawn.
@@ -33,6 +35,9 @@ pub struct Renderer {
     slice_blending: Option<SliceBlending>,
     bind_group: BindGroup,
     passes: Passes,
+    geometry: Geometry,
+    /// Which of its textures are bound.
+    bound_geometry: u64,
 }
 
 /// What of the volume is there, and how it is drawn.
@@ -67,10 +72,23 @@ impl Renderer {
                 VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
                 VolumeTextures::Bricks(atlas) => Passes::Bricks(Box::new((atlas, BrickMarch::new(gpu, &bindings)))),
             };
-            let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures);
+            let geometry = Geometry::new(gpu, bindings.uniforms());
+            let (opaque, bound_geometry) = geometry.views(&ViewState::default(), [1, 1]);
+            let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures, opaque);
             let volume = volume.description.clone();
-            let (emphases, slice_blending) = (None, None);
-            Self { gpu: gpu.clone(), volume, emphases, lookup_textures, bindings, slice_blending, bind_group, passes }
+            let (gpu, emphases, slice_blending) = (gpu.clone(), None, None);
+            Self {
+                gpu,
+                volume,
+                emphases,
+                lookup_textures,
+                bindings,
+                slice_blending,
+                bind_group,
+                passes,
+                geometry,
+                bound_geometry,
+            }
         })
     }
 
@@ -80,10 +98,25 @@ impl Renderer {
         &self.gpu
     }
 
+    /// What is drawn.
+    #[must_use]
+    pub fn volume(&self) -> &VolumeDescription {
+        &self.volume
+    }
+
     /// The level of detail that is drawn.
     #[must_use]
     pub fn level(&self) -> usize {
         self.volume.level
+    }
+
+    /// Uploads the surfaces of a scene, and makes room for pictures of a size. What is not prepared is not drawn: pictures of another
+    /// size and states with another scene have none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device's memory does not suffice.
+    pub fn prepare_scene(&mut self, scene: &Scene, surfaces: &Arc<Surfaces>, size: [u32; 2]) -> Result<()> {
+        self.geometry.prepare(&self.gpu, scene, surfaces, size)
     }
 
     /// How many bricks were brought to the device so far, where there is no room for all of the volume.
@@ -123,14 +156,17 @@ impl Renderer {
         );
         let frame = Frame::new(state, &self.volume, emphases, target.size());
         let changes = self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame);
-        if changes.textures {
-            self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures);
+        let (opaque, geometry) = self.geometry.views(state, target.size());
+        if changes.textures || geometry != self.bound_geometry {
+            self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures, opaque);
+            self.bound_geometry = geometry;
         }
         let uniforms = Uniforms::from(&frame);
+        self.bindings.set_uniforms(gpu, &uniforms);
+        self.geometry.draw(gpu, state, &self.volume, &frame);
         let is_by_value = frame.classification == Classification::Value;
         match &mut self.passes {
             Passes::Whole(_, march) => {
-                self.bindings.set_uniforms(gpu, &uniforms);
                 let Some(slicing) = &frame.slicing else {
                     march.draw_rows(gpu, &self.bind_group, target, rows);
                     return Ok(());

@@ -11,6 +11,7 @@ pub mod color;
 pub mod curve;
 pub mod region;
 pub mod render_settings;
+pub mod scene;
 pub mod session;
 pub mod shape;
 pub mod technique;
@@ -25,6 +26,7 @@ pub use clipping::{ClipPlane, Clipping, Crop};
 pub use curve::{ControlPoint, Curve};
 pub use region::Region;
 pub use render_settings::{Integration, Light, RenderSettings, Shading};
+pub use scene::{Isosurface, MeshFile, Scene};
 pub use shape::Shape;
 pub use technique::Technique;
 pub use transfer_function::TransferFunction;
@@ -41,6 +43,8 @@ pub struct ViewState {
     pub clipping: Clipping,
     /// How it is drawn.
     pub render_settings: RenderSettings,
+    /// What is drawn beside the volume.
+    pub scene: Scene,
 }
 
 /// A command-line form that could not be understood; says what was expected.

@@ -1,6 +1,8 @@
 //! What the user set, as a file: TOML, in which regions, emphases and cuts are written as they are typed.
 
-use super::{Camera, ClipPlane, Clipping, Crop, Curve, ParseError, Region, TwoSidedEmphasis, ViewState};
+use super::{
+    Camera, ClipPlane, Clipping, Crop, Curve, Isosurface, MeshFile, ParseError, Region, TwoSidedEmphasis, ViewState,
+};
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 
@@ -62,7 +64,7 @@ impl ViewState {
             let (found, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
             return Err(ParseError(format!("planes: expected {most} at most, found {found}")));
         }
-        Ok(())
+        self.scene.check()
     }
 }
 
@@ -85,7 +87,7 @@ macro_rules! written_as_typed {
     )*};
 }
 
-written_as_typed!(ClipPlane, Crop, Curve, Region, TwoSidedEmphasis);
+written_as_typed!(ClipPlane, Crop, Curve, Isosurface, MeshFile, Region, TwoSidedEmphasis);
 
 #[cfg(test)]
 mod tests {
@@ -107,6 +109,9 @@ mod tests {
         state.render_settings.technique = Technique::Stacks;
         state.render_settings.integration = Integration::PostClassified;
         state.render_settings.image_size = [1, 16384];
+        state.scene.axes = true;
+        state.scene.meshes = vec!["a,b.stl,00FF00".parse().expect("a mesh")];
+        state.scene.isosurfaces = vec!["0.1,FF0000".parse().expect("an isosurface")];
         let text = state.to_toml().expect("is written");
         assert_eq!(ViewState::from_toml(&text), Ok(state), "{text}");
         for line in [

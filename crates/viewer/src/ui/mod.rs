@@ -10,11 +10,13 @@ mod form;
 pub mod histogram;
 pub mod opened_volume;
 pub mod preview;
+pub mod preview_scene;
 pub mod readout;
 pub mod refinement;
 pub mod region_grip;
 pub mod render_settings;
 pub mod save_picture;
+pub mod scene;
 pub mod theme;
 pub mod transfer_function;
 pub mod viewport;
@@ -127,7 +129,7 @@ pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     CentralPanel::no_frame().show(ui, |ui| {
         let pixels = ui.available_size() * ui.pixels_per_point();
         window.viewport = [pixels.x, pixels.y].map(|side| side.round().max(1.0) as u32);
-        viewport::viewport_ui(ui, &mut window.view, &mut window.preview, window.volume.description.frame);
+        viewport::viewport_ui(ui, &mut window.view, &mut window.preview, &window.volume.description);
     });
 }
 
@@ -137,6 +139,8 @@ fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     section(ui, "Camera", |ui| camera::camera_ui(ui, &mut view.camera));
     let dims = volume.description.dims;
     section(ui, "Clipping", |ui| clipping::clipping_ui(ui, &mut view.clipping, &view.camera, dims));
+    let range = volume.description.value_range;
+    section(ui, "Lines and surfaces", |ui| scene::scene_ui(ui, &mut view.scene, range));
     section(ui, "Rendering", |ui| render_settings::render_settings_ui(ui, &mut view.render_settings));
 }
 

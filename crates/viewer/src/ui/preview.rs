@@ -5,10 +5,14 @@ use std::time::Instant;
 
 use eframe::egui_wgpu::RenderState;
 use egui::TextureId;
+use glam::Vec3;
 use wgpu::{FilterMode, PollType};
 
+use super::preview_scene::PreviewScene;
 use super::refinement::{Action, Detail, PASS_BUDGET, Refinement};
+use crate::drawing::scale_bar;
 use crate::render::{Gpu, Renderer, Target};
+use crate::scene::scale_bar::draw_over_picture;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture, Result};
@@ -19,6 +23,7 @@ pub struct Preview {
     renderer: Renderer,
     /// Most bytes of the device that a volume takes.
     budget: Option<u64>,
+    scene: PreviewScene,
     /// Kept for as long as egui shows it.
     target: Option<Target>,
     texture: Option<TextureId>,
@@ -72,6 +77,7 @@ impl Preview {
             render_state: render_state.clone(),
             renderer: Renderer::new(&gpu, volume, budget)?,
             budget,
+            scene: PreviewScene::new(volume),
             target: None,
             texture: None,
             shown: None,
@@ -89,6 +95,7 @@ impl Preview {
     /// As [`Self::new`]; the volume shown before is then still shown.
     pub fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
         self.renderer = Renderer::new(self.renderer.gpu(), volume, self.budget)?;
+        self.scene.replace_volume(volume);
         self.shown = None;
         self.refining = None;
         Ok(())
@@ -171,12 +178,17 @@ impl Preview {
     /// A picture of the settings' size and step, whatever the window shows.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] or [`Error::Device`] when it does not fit the device.
+    /// [`Error::PictureSize`] or [`Error::Device`] when it does not fit the device; as [`crate::scene::Surfaces::new`].
     pub fn picture(&mut self, view: &ViewState) -> Result<Picture> {
         let gpu = self.renderer.gpu().clone();
         let target = Target::new(&gpu, view.render_settings.image_size)?;
+        self.renderer.prepare_scene(&view.scene, &self.scene.surfaces(&view.scene)?, target.size())?;
         self.renderer.draw(view, &target)?;
-        target.read_back(&gpu)
+        let mut picture = target.read_back(&gpu)?;
+        if let Some(bar) = scale_bar(view, self.renderer.volume()) {
+            draw_over_picture(&bar, &mut picture, Vec3::from_array(view.render_settings.background))?;
+        }
+        Ok(picture)
     }
 
     /// Draws and shows a picture.
@@ -214,6 +226,8 @@ impl Preview {
         let mut state = wanted.clone();
         state.render_settings.step *= partial.detail.step_factor;
         let end = (partial.rows + rows).min(partial.height());
+        let surfaces = self.scene.surfaces(&state.scene)?;
+        self.renderer.prepare_scene(&state.scene, &surfaces, partial.target.size())?;
         let start = Instant::now();
         self.renderer.draw_rows(&state, &partial.target, partial.rows..end)?;
         // Waited for, because the window waits for its picture anyway, and so that the time is the device's.

@@ -7,7 +7,9 @@ use voxrole_pack::WorldFrame;
 
 use super::preview::Preview;
 use super::theme;
+use crate::scene::ScaleBar;
 use crate::state::{Camera, ViewState};
+use crate::volume::VolumeDescription;
 
 /// Degrees that the camera walks for a point of the hand's way.
 const DEGREES_PER_POINT: f32 = 0.4;
@@ -17,7 +19,7 @@ const SCROLL_POINTS: f32 = 300.0;
 const TRIAD: f32 = 26.0;
 
 /// Fills the ui with the picture.
-pub fn viewport_ui(ui: &mut Ui, view: &mut ViewState, preview: &mut Preview, frame: WorldFrame) {
+pub fn viewport_ui(ui: &mut Ui, view: &mut ViewState, preview: &mut Preview, volume: &VolumeDescription) {
     let rect = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Image, true, "Picture of the volume"));
@@ -35,8 +37,11 @@ pub fn viewport_ui(ui: &mut Ui, view: &mut ViewState, preview: &mut Preview, fra
         painter.image(texture, rect, whole, Color32::WHITE);
     }
     let ink = readable_on(background);
-    paint_triad(&painter, rect, &view.camera, frame, ink);
+    paint_triad(&painter, rect, &view.camera, volume.frame, ink);
     paint_help(&painter, rect, ink);
+    if let Some(bar) = view.scene.scale_bar.then(|| ScaleBar::new(view, volume, size)).flatten() {
+        paint_scale_bar(&painter, rect, &bar, ui.pixels_per_point(), ink);
+    }
     if let Some(error) = preview.error() {
         painter.text(rect.center(), Align2::CENTER_CENTER, error, FontId::proportional(14.0), theme::ERROR);
     }
@@ -93,6 +98,15 @@ fn paint_help(painter: &Painter, rect: Rect, ink: Color32) {
     if text.size().x + 3.0 * TRIAD + 20.0 < rect.width() {
         painter.galley(rect.right_bottom() - text.size() - vec2(10.0, 8.0), text, ink);
     }
+}
+
+/// A bar of a round length, above the help.
+fn paint_scale_bar(painter: &Painter, rect: Rect, bar: &ScaleBar, pixels_per_point: f32, ink: Color32) {
+    let right = rect.right_bottom() - vec2(12.0, 36.0);
+    let left = right - vec2(bar.pixels / pixels_per_point, 0.0);
+    painter.line_segment([left, right], (2.5, ink));
+    let above = left.lerp(right, 0.5) - vec2(0.0, 4.0);
+    painter.text(above, Align2::CENTER_BOTTOM, &bar.label, FontId::proportional(13.0), ink);
 }
 
 /// Light grey on dark, dark grey on light.

@@ -9,6 +9,7 @@ mod integration;
 mod packed_file;
 mod phantom;
 mod sampling_rule;
+mod scene;
 mod shells;
 mod skipping;
 mod techniques;

@@ -32,18 +32,33 @@ struct Progress {
     wanted: u32,
 }
 
-// Light along a ray that goes on from where it was, with the first sample so far into the first step.
-fn march(ray: Ray, first: f32, start: Progress) -> Progress {
+// Light along a ray that goes on from where it was, with the first sample so far into the first step; the ray ends at what is opaque.
+fn march(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
     let inverse = inverse_direction(ray);
     let interval = drawn_interval(ray, inverse);
     var cell: Cell;
     cell.base = vec3<i32>(-1);
-    half_step = frame.half_step;
     var sum = start.light;
     var count = start.count;
     var wanted = 0u;
-    var along = interval.entry + (count + first) * frame.step;
-    while along < interval.exit && sum.a <= frame.termination_opacity {
+    // How many steps end before what is opaque: the one that it cuts short counts for its share alone.
+    let steps_before = max(floor((opaque.along - interval.entry) / frame.step - first + 0.5), 0.0);
+    let whole = select(NOWHERE, steps_before, opaque.along < interval.exit);
+    while count <= whole && sum.a <= frame.termination_opacity {
+        var along = interval.entry + (count + first) * frame.step;
+        var step = frame.step;
+        half_step = frame.half_step;
+        if count == whole {
+            let begin = max(interval.entry, interval.entry + (whole + first - 0.5) * frame.step);
+            step = opaque.along - begin;
+            along = begin + 0.5 * step;
+            half_step = min(half_step, 0.5 * step);
+            if !(step > 0.0) {
+                break;
+            }
+        } else if along >= interval.exit {
+            break;
+        }
         let position = ray.origin + along * ray.direction;
         let place = place_at(position);
         let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
@@ -51,7 +66,6 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
             // To the first sample beyond all that is known to be empty.
             let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.entry) / frame.step);
             count = max(beyond, count + 1.0);
-            along = interval.entry + (count + first) * frame.step;
             continue;
         }
         if HAS_BRICKS && any(place.base != cell.base) {
@@ -63,23 +77,23 @@ fn march(ray: Ray, first: f32, start: Progress) -> Progress {
         let role = sample_at(position, place, ray.direction, &cell);
         if role.opacity > 0.0 {
             let face = select(0.0, 1.0, count == 0.0 || along - interval.entry <= FACE_DEPTH);
-            sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, frame.step);
+            sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, step);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;
-        along = interval.entry + (count + first) * frame.step;
     }
     return Progress(sum, count, wanted);
 }
 
-// Display values of light over the background.
-fn over_background(light: vec4<f32>) -> vec4<f32> {
-    let color = light.rgb + (1.0 - light.a) * frame.background;
+// Display values of light over what is opaque, or over the background.
+fn over_background(light: vec4<f32>, opaque: Opaque) -> vec4<f32> {
+    let color = light.rgb + (1.0 - light.a) * select(frame.background, opaque.color, opaque.is_some);
     return vec4<f32>(clamp(color, vec3<f32>(0.0), vec3<f32>(1.0)), 1.0);
 }
 
 @fragment
 fn fragment_main(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let opaque = opaque_pixel(position.xy);
     let start = Progress(vec4<f32>(0.0), 0.0, 0u);
-    return over_background(march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)), start).light);
+    return over_background(march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)), opaque, start).light, opaque);
 }

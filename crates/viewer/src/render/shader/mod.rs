@@ -11,10 +11,15 @@ pub const SOURCE: &str = concat!(
     include_str!("value.wgsl"),
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
+    include_str!("opaque.wgsl"),
     include_str!("compositing.wgsl"),
     include_str!("resuming.wgsl"),
     include_str!("slicing.wgsl"),
 );
+
+/// The module that draws triangles: vertex entry point `geometry_vertex`, fragment entry point `geometry_fragment`.
+pub const GEOMETRY_SOURCE: &str =
+    concat!(include_str!("view.wgsl"), include_str!("shading.wgsl"), include_str!("geometry.wgsl"));
 
 #[cfg(test)]
 mod tests {
@@ -29,9 +34,10 @@ mod tests {
     use crate::frame::MOST_PLANES;
     use crate::reference::FACE_DEPTH;
     use crate::render::brick_atlas::BRICK;
+    use crate::scene::projection;
     use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 10] = [
+    const CHUNKS: [(&str, &str); 11] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -39,6 +45,7 @@ mod tests {
         ("value", include_str!("value.wgsl")),
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
+        ("opaque", include_str!("opaque.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
         ("resuming", include_str!("resuming.wgsl")),
         ("slicing", include_str!("slicing.wgsl")),
@@ -57,6 +64,16 @@ mod tests {
                 .unwrap_or_else(|error| panic!("{name}.wgsl: {}", error.emit_to_string(&source)));
         }
         assert_eq!(source, SOURCE);
+    }
+
+    #[test]
+    fn geometry_is_valid() {
+        let module = naga::front::wgsl::parse_str(GEOMETRY_SOURCE)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(GEOMETRY_SOURCE)));
+        Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(GEOMETRY_SOURCE)));
+        assert!(GEOMETRY_SOURCE.contains(&format!("const NEAREST: f32 = {:?};", projection::NEAR)));
     }
 
     #[test]

@@ -47,7 +47,8 @@ fn piece_of_slab(ray: Ray, interval: Interval, number: f32) -> Piece {
 @fragment
 fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
     let ray = pixel_ray(slice.position.xy);
-    let interval = drawn_interval(ray, inverse_direction(ray));
+    var interval = drawn_interval(ray, inverse_direction(ray));
+    interval.exit = min(interval.exit, opaque_pixel(slice.position.xy).along);
     let piece = piece_of_slab(ray, interval, slice.number);
     if !piece.is_drawn {
         discard;
@@ -72,5 +73,5 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
 
 @fragment
 fn slices_over_background(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    return over_background(textureLoad(slice_light, vec2<i32>(position.xy), 0));
+    return over_background(textureLoad(slice_light, vec2<i32>(position.xy), 0), opaque_pixel(position.xy));
 }

@@ -1,0 +1,49 @@
+//! The surfaces of a window's scene, made anew when the scene or the volume changes.
+
+use std::sync::Arc;
+
+use crate::Result;
+use crate::scene::Surfaces;
+use crate::state::{Isosurface, MeshFile, Scene};
+use crate::volume::{VolumeDescription, VolumeTexels};
+
+/// Most voxels among which isosurfaces are looked for: of a larger volume a coarser level is kept.
+const MOST_VOXELS: usize = 1 << 25;
+
+/// Values to find isosurfaces among, and what was found last.
+pub struct PreviewScene {
+    volume: VolumeDescription,
+    values: Vec<u16>,
+    /// Whether other surfaces are needed than those below: those of these files and values.
+    made_of: Option<(Vec<MeshFile>, Vec<Isosurface>)>,
+    surfaces: Arc<Surfaces>,
+}
+
+impl PreviewScene {
+    /// Keeps the values of a volume.
+    #[must_use]
+    pub fn new(volume: &VolumeTexels) -> Self {
+        let values = volume.texels.iter().map(|texel| texel[0]).collect();
+        Self { volume: volume.description.clone(), values, made_of: None, surfaces: Arc::default() }
+    }
+
+    /// Takes another level of the volume, unless that is too large.
+    pub fn replace_volume(&mut self, volume: &VolumeTexels) {
+        if volume.texels.len() <= MOST_VOXELS {
+            *self = Self::new(volume);
+        }
+    }
+
+    /// The surfaces of a scene.
+    ///
+    /// # Errors
+    /// As [`Surfaces::new`].
+    pub fn surfaces(&mut self, scene: &Scene) -> Result<Arc<Surfaces>> {
+        let wanted = (&scene.meshes, &scene.isosurfaces);
+        if self.made_of.as_ref().is_none_or(|(meshes, isosurfaces)| (meshes, isosurfaces) != wanted) {
+            self.surfaces = Arc::new(Surfaces::new(scene, &self.volume, |voxel| self.values[voxel])?);
+            self.made_of = Some((scene.meshes.clone(), scene.isosurfaces.clone()));
+        }
+        Ok(self.surfaces.clone())
+    }
+}
