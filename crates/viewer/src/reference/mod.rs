@@ -195,7 +195,8 @@ impl<'a> RayMarcher<'a> {
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
                 let is_on_face = count == 0.0 || along - entry <= FACE_DEPTH;
                 let normal = if is_on_face && cut != Vec3::ZERO { cut } else { sample.normal };
-                sum += (1.0 - sum.w) * self.light_of(&sample, normal, ray, frame.step);
+                let opacity = correct_opacity(sample.opacity, frame.step);
+                sum += (1.0 - sum.w) * opacity * self.lit(&sample, normal, ray);
                 if depth.is_nan() && sum.w >= 0.5 {
                     depth = along;
                 }
@@ -223,19 +224,16 @@ impl<'a> RayMarcher<'a> {
         PixelLight { light: sum, depth }
     }
 
-    /// What a sample adds where it stands for a path of some length: colour premultiplied by opacity, and opacity.
+    /// A sample's colour in the light, and 1.
     #[inline(always)]
-    fn light_of(&self, sample: &RoleSample, normal: Vec3, ray: &Ray, length: f32) -> Vec4 {
-        let opacity = correct_opacity(sample.opacity, length);
-        let color = shade(sample.color, normal, -ray.direction, self.frame.light, &self.frame.shading);
-        opacity * color.extend(1.0)
+    fn lit(&self, sample: &RoleSample, normal: Vec3, ray: &Ray) -> Vec4 {
+        shade(sample.color, normal, -ray.direction, self.frame.light, &self.frame.shading).extend(1.0)
     }
 
     /// What the part of a step adds that lies before something opaque, on a face that was cut where `cut` is not 0.
     fn cut_short(&self, ray: &Ray, [start, end]: [f32; 2], cut: Vec3) -> Vec4 {
         let length = end - start;
-        // False for NaN too.
-        if !(length > 0.0) {
+        if length <= 0.0 {
             return Vec4::ZERO;
         }
         let half_step = if self.frame.half_step > 0.0 { 0.5 * length } else { 0.0 };
@@ -245,7 +243,7 @@ impl<'a> RayMarcher<'a> {
         let sample = sampler.sample(place, ray.direction, &mut Cell::default());
         if sample.opacity > 0.0 {
             let normal = if cut == Vec3::ZERO { sample.normal } else { cut };
-            self.light_of(&sample, normal, ray, length)
+            correct_opacity(sample.opacity, length) * self.lit(&sample, normal, ray)
         } else {
             Vec4::ZERO
         }

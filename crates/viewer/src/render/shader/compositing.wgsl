@@ -9,22 +9,18 @@ fn first_sample(pixel: vec2<u32>) -> f32 {
 // What lies this close behind a plane that cuts is lit as the plane is.
 const FACE_DEPTH: f32 = 0.5;
 
-// What a sample adds where it stands for a path of some length: colour premultiplied by opacity, and opacity.
-fn light_of(role: RoleSample, normal: vec3<f32>, ray: Ray, opacity: f32) -> vec4<f32> {
-    return opacity * vec4<f32>(shade(role.color, normal, -ray.direction), 1.0);
-}
-
 // What the part of a step adds that lies before something opaque, on a face that was cut where `cut` is not 0.
 fn cut_short(ray: Ray, start: f32, end: f32, cut: vec3<f32>, cell: ptr<function, Cell>) -> vec4<f32> {
     let length = end - start;
-    if !(length > 0.0) {
+    if length <= 0.0 {
         return vec4<f32>(0.0);
     }
     half_step = select(0.0, 0.5 * length, frame.half_step > 0.0);
     let role = sample_role(place_at(ray.origin + (start + 0.5 * length) * ray.direction), ray.direction, cell);
     let opacity = 1.0 - pow(max(1.0 - role.opacity, 0.0), length);
     let is_on_cut = any(cut != vec3<f32>(0.0));
-    return select(vec4<f32>(0.0), light_of(role, select(role.normal, cut, is_on_cut), ray, opacity), role.opacity > 0.0);
+    let color = shade(role.color, select(role.normal, cut, is_on_cut), -ray.direction);
+    return select(vec4<f32>(0.0), opacity * vec4<f32>(color, 1.0), role.opacity > 0.0);
 }
 
 // How many steps of a ray end within a length.
@@ -61,7 +57,8 @@ fn march(ray: Ray, first: f32, opaque: Opaque) -> vec4<f32> {
             let opacity = correct_opacity(role.opacity);
             // A face that was cut is lit as such, to a depth that does not depend on the step.
             let is_on_cut = (count == 0.0 || along - interval.entry <= FACE_DEPTH) && any(interval.cut != vec3<f32>(0.0));
-            sum += (1.0 - sum.a) * light_of(role, select(role.normal, interval.cut, is_on_cut), ray, opacity);
+            let color = shade(role.color, select(role.normal, interval.cut, is_on_cut), -ray.direction);
+            sum += (1.0 - sum.a) * opacity * vec4<f32>(color, 1.0);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;
