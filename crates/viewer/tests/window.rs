@@ -261,6 +261,26 @@ fn the_boundary_sliders_and_presets_change_the_emphasis_and_the_picture() {
 }
 
 #[test]
+fn lines_and_surfaces_are_switched_on_and_shown() {
+    let Some(mut harness) = open() else { return };
+    for label in ["bounding box", "axes", "scale bar", "Add isosurface"] {
+        let pictures = harness.state().preview.pictures();
+        harness.get_by_label(label).click();
+        settle(&mut harness);
+        assert!(harness.state().preview.pictures() > pictures, "{label}");
+        assert_eq!(harness.state().preview.error(), None, "{label}");
+    }
+    let scene = &harness.state().view.scene;
+    assert!(scene.bounding_box && scene.axes && scene.scale_bar && scene.isosurfaces.len() == 1);
+    if let Some(folder) = std::env::var_os("VOXROLE_PICTURES") {
+        harness.render().expect("is drawn").save(Path::new(&folder).join("window.png")).expect("is written");
+    }
+    harness.get_by_label("Remove isosurface 1").click();
+    settle(&mut harness);
+    assert!(harness.state().view.scene.isosurfaces.is_empty());
+}
+
+#[test]
 fn the_hand_orbits_pans_zooms_and_resets() {
     let Some(mut harness) = open() else { return };
     let middle = rect_of(&harness, PICTURE).center();

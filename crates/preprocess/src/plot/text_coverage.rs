@@ -23,12 +23,14 @@ pub struct TextCoverage {
 pub fn text_coverage(text: &str, height: u32) -> Result<TextCoverage> {
     provide_font()?;
     let size = height as i32;
-    let width = text_width(text, size).max(1) as u32;
+    // Letters reach beyond the height that is asked for, upwards and downwards.
+    let above = (size / 4).max(1);
+    let (width, height) = (text_width(text, size).max(1) as u32, height + 2 * above as u32);
     let failed = |error: &dyn std::error::Error| Error::Parameter(format!("the text could not be drawn: {error}"));
     let mut pixels = vec![0; 3 * width as usize * height as usize];
     {
         let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
-        area.draw_text(text, &style(size, &WHITE), (0, 0)).map_err(|error| failed(&error))?;
+        area.draw_text(text, &style(size, &WHITE), (0, above)).map_err(|error| failed(&error))?;
         area.present().map_err(|error| failed(&error))?;
     }
     let coverage = pixels.chunks_exact(3).map(|pixel| pixel[0]).collect();

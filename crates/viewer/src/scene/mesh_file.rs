@@ -67,8 +67,11 @@ pub fn read_mesh(mesh: &MeshFile, volume: &VolumeDescription, most: usize) -> Re
     Ok(smooth(&positions, &file_mesh.triangles, mesh.color))
 }
 
+/// Reads a file's bytes, with at most so many triangles; the error says what is wrong with them.
+type Parser = fn(&[u8], usize) -> std::result::Result<FileMesh, String>;
+
 /// What a file's name says about how it is to be read.
-fn parser(path: &Path) -> std::result::Result<fn(&[u8], usize) -> std::result::Result<FileMesh, String>, String> {
+fn parser(path: &Path) -> std::result::Result<Parser, String> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match extension.as_str() {
         "stl" => Ok(stl::parse),

@@ -113,7 +113,7 @@ mod tests {
         for (bytes, most, reason) in [
             (&b""[..], 9, "too short"),
             (&binary(u32::MAX)[..], usize::MAX, "cut short"),
-            (&binary(1)[1..], 9, "cut short"),
+            (&binary(1)[..133], 9, "cut short"),
             (&binary(1), 0, "more than 0"),
             (&TEXT.as_bytes()[..70], 9, "cut short"),
             (TEXT.replace("1e0", "x").as_bytes(), 9, "line 5"),

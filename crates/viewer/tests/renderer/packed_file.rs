@@ -223,6 +223,42 @@ fn turntables_sessions_depths_and_deep_pictures_are_written() {
 }
 
 #[test]
+fn lines_and_surfaces_are_drawn_and_kept_in_sessions() {
+    let folder = folder("scenes");
+    let path = |name: &str| folder.join(name);
+    let [packed, session, depth] = ["shells.vxr", "s.toml", "d.npy"].map(path);
+    write(&small_shells(), &packed).expect("is written");
+    let [session, depth] = [&session, &depth].map(|path| path.to_str().expect("Unicode"));
+    let run = |output: &str, options: &[&str]| render(&packed, &path(output), options);
+    let png = |name: &str| std::fs::read(path(name)).expect("is there");
+    run("without.png", &["--cpu"]).expect("is drawn");
+    let scene = ["--bounding-box", "--axes", "--scale-bar", "--isosurface", "135,FF0000", "--cpu"];
+    run("a.png", &[&scene[..], &["--save-session", session]].concat()).expect("is drawn");
+    assert!(png("a.png") != png("without.png"));
+    run("b.png", &["--cpu", "--session", session]).expect("is drawn");
+    assert!(png("b.png") == png("a.png"), "the same picture");
+
+    // What is opaque is so in a transparent picture, and has a depth.
+    run("c.png", &["--session", session, "--transparent", "--depth", depth]).expect("is drawn");
+    let picture = image::open(path("c.png")).expect("is a PNG").into_rgba8();
+    let depth = std::fs::read(depth).expect("is there");
+    let depths = depth[depth.len() - 4 * 48 * 48..].as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+    let middle = 24 * 48 + 24;
+    let depths: Vec<f32> = depths.collect();
+    assert!(depths[middle].is_finite() && picture.get_pixel(24, 24).0[3] == 255);
+    assert!(picture.pixels().filter(|pixel| pixel.0[3] == 255).count() > 300);
+
+    for (options, reason) in [
+        (["--isosurface", "1e9"], "the volume's values are from"),
+        (["--mesh", "none.stl"], "none.stl"),
+        (["--mesh", "none.ply"], ".obj"),
+    ] {
+        let error = format!("{:#}", run("e.png", &options).expect_err(reason));
+        assert!(error.contains(reason) && !path("e.png").exists(), "{error}");
+    }
+}
+
+#[test]
 fn failures_say_why_and_leave_no_file() {
     let folder = folder("failures");
     let [packed, output, other] = ["none.vxr", "none.png", "other.raw"].map(|name| folder.join(name));
