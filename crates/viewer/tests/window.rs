@@ -152,10 +152,13 @@ fn a_window_at_rest_draws_nothing() {
     assert_eq!(delay, std::time::Duration::MAX, "no further pass is asked for");
 }
 
+/// A setting that is changed, and how.
+type Knob = (&'static str, fn(&mut ViewState));
+
 #[test]
 fn every_knob_redraws_within_two_frames() {
     let Some(mut harness) = open() else { return };
-    let knobs: [(&str, fn(&mut ViewState)); 12] = [
+    let knobs: [Knob; 12] = [
         ("color", |view| view.transfer_function.regions[0].color = [0.1, 0.9, 0.4]),
         ("value", |view| view.transfer_function.regions[0].value[1] *= 0.9),
         ("shape", |view| view.transfer_function.regions[0].shape = Shape::Ellipse),
