@@ -246,12 +246,6 @@ fn gpu_and_cpu_draw_the_same_scene() {
             state.clipping.planes = clip.iter().map(|plane: &&str| plane.parse().expect("a plane")).collect();
             state.clipping.crop = if jitter { "4:,:,:56" } else { ":,:,:" }.parse().expect("a crop");
             let [on_cpu, on_gpu] = [draw_on_cpu(&volume, &state), draw_on_gpu(&gpu, &volume, &state)];
-            if let Some(folder) = std::env::var_os("VOXROLE_PICTURES") {
-                for (device, picture) in [("cpu", &on_cpu), ("gpu", &on_gpu)] {
-                    let path = Path::new(&folder).join(format!("{name}-{jitter}-{device}.png"));
-                    std::fs::write(path, picture.to_png().expect("a picture")).expect("is written");
-                }
-            }
             assert_same(&format!("{name} {clip:?}"), &on_cpu, &on_gpu);
         }
     }
