@@ -316,6 +316,20 @@ fn surfaces_are_cut_and_lines_are_not() {
 }
 
 #[test]
+fn places_beyond_all_digits_do_no_harm() {
+    let phantom = Phantom::ball();
+    let volume = phantom.texels();
+    let path = file("far.obj");
+    let corners = "v 3e38 1 0\nv -3e38 1e38 5\nv 0 2 -3e38\nv 1e30 1 1\nv 1 1e20 1\nv 1 1 1\n";
+    std::fs::write(&path, format!("{corners}f 1 2 3\nf 4 5 6\nf 1 5 6\nf 6 6 6\nf 2 4 6\n")).expect("is written");
+    for camera in [Camera::default(), Camera { zoom: 50.0, ..Camera::default() }, orthographic(CameraPreset::Iso)] {
+        let mut state = phantom.state(camera);
+        state.scene.meshes = vec![mesh(&path)];
+        assert_eq!(draw_on_cpu(&volume, &state).rgba.len(), 4 * 128 * 128);
+    }
+}
+
+#[test]
 fn what_cannot_be_drawn_is_refused_with_a_reason() {
     let phantom = Phantom::ball();
     let volume = phantom.texels();
