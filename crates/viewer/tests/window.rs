@@ -275,9 +275,6 @@ fn lines_and_surfaces_are_switched_on_and_shown() {
     }
     let scene = &harness.state().view.scene;
     assert!(scene.bounding_box && scene.axes && scene.scale_bar && scene.isosurfaces.len() == 1);
-    if let Some(folder) = std::env::var_os("VOXROLE_PICTURES") {
-        harness.render().expect("is drawn").save(Path::new(&folder).join("window.png")).expect("is written");
-    }
     harness.get_by_label("Remove isosurface 1").click();
     settle(&mut harness);
     assert!(harness.state().view.scene.isosurfaces.is_empty());

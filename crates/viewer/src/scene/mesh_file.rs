@@ -130,7 +130,29 @@ fn smooth(positions: &[Vec3], triangles: &[[u32; 3]], color: [f32; 3]) -> Triang
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_read_or_refused(
+            start in prop::sample::select(vec!["", "solid a\nfacet\nvertex 0 0 ", "v 0 0 0\nv 1 1 1\nf 1 2 "]),
+            bytes in prop::collection::vec(any::<u8>(), 0..300),
+            count in 0_u8..6,
+        ) {
+            let mut content = [start.as_bytes(), &bytes].concat();
+            if content.len() > 84 {
+                content[80..84].copy_from_slice(&[count, 0, 0, 0]);
+            }
+            for parse in [stl::parse, obj::parse] {
+                if let Ok(mesh) = parse(&content, 4) {
+                    prop_assert!(mesh.triangles.len() <= 4);
+                    prop_assert!(mesh.triangles.iter().flatten().all(|&corner| (corner as usize) < mesh.vertices.len()));
+                }
+            }
+        }
+    }
 
     #[test]
     fn edges_stay_sharp_and_round_things_become_smooth() {

@@ -108,7 +108,9 @@ fn pieces(corners: [Vec3; 3], is_perspective: bool, image_size: [u32; 2]) -> Vec
     };
     let outline = if corners.iter().all(is_inside) { corners.to_vec() } else { cut_off(&corners, is_perspective) };
     let on_raster = |corner: &Vec3| {
-        let place = 0.5 * Vec2::new(corner.x / corner.z, -corner.y / corner.z) + 0.5;
+        // Where a corner is so far away that all digits are lost, at least within the whole numbers' room.
+        let place = Vec2::new(corner.x, -corner.y) / corner.z;
+        let place = 0.5 * place.clamp(Vec2::splat(-GUARD), Vec2::splat(GUARD)) + 0.5;
         let [width, height] = image_size.map(|side| side as f32);
         (place * Vec2::new(width, height) * SUBPIXELS as f32).round().as_i64vec2()
     };

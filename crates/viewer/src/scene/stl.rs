@@ -115,7 +115,7 @@ mod tests {
             (&binary(u32::MAX)[..], usize::MAX, "cut short"),
             (&binary(1)[..133], 9, "cut short"),
             (&binary(1), 0, "more than 0"),
-            (&TEXT.as_bytes()[..70], 9, "cut short"),
+            (TEXT.replace("endsolid a\n", "").as_bytes(), 9, "cut short"),
             (TEXT.replace("1e0", "x").as_bytes(), 9, "line 5"),
             (TEXT.replace("vertex 0 0 0\n", "").as_bytes(), 9, "three corners"),
             (TEXT.as_bytes(), 0, "more than 0"),

@@ -246,12 +246,6 @@ fn gpu_and_cpu_draw_the_same_scene() {
             state.clipping.planes = clip.iter().map(|plane: &&str| plane.parse().expect("a plane")).collect();
             state.clipping.crop = if jitter { "4:,:,:56" } else { ":,:,:" }.parse().expect("a crop");
             let [on_cpu, on_gpu] = [draw_on_cpu(&volume, &state), draw_on_gpu(&gpu, &volume, &state)];
-            if let Some(folder) = std::env::var_os("VOXROLE_PICTURES") {
-                for (device, picture) in [("cpu", &on_cpu), ("gpu", &on_gpu)] {
-                    let path = Path::new(&folder).join(format!("{name}-{jitter}-{device}.png"));
-                    std::fs::write(path, picture.to_png().expect("a picture")).expect("is written");
-                }
-            }
             assert_same(&format!("{name} {clip:?}"), &on_cpu, &on_gpu);
         }
     }
@@ -319,6 +313,20 @@ fn surfaces_are_cut_and_lines_are_not() {
     assert!(with_inner_box.iter().all(|&pixels| pixels > 20));
     state.clipping.planes = vec!["0,0,-1".parse().expect("a plane")];
     assert_eq!(lit(&state), with_inner_box);
+}
+
+#[test]
+fn places_beyond_all_digits_do_no_harm() {
+    let phantom = Phantom::ball();
+    let volume = phantom.texels();
+    let path = file("far.obj");
+    let corners = "v 3e38 1 0\nv -3e38 1e38 5\nv 0 2 -3e38\nv 1e30 1 1\nv 1 1e20 1\nv 1 1 1\n";
+    std::fs::write(&path, format!("{corners}f 1 2 3\nf 4 5 6\nf 1 5 6\nf 6 6 6\nf 2 4 6\n")).expect("is written");
+    for camera in [Camera::default(), Camera { zoom: 50.0, ..Camera::default() }, orthographic(CameraPreset::Iso)] {
+        let mut state = phantom.state(camera);
+        state.scene.meshes = vec![mesh(&path)];
+        assert_eq!(draw_on_cpu(&volume, &state).rgba.len(), 4 * 128 * 128);
+    }
 }
 
 #[test]
