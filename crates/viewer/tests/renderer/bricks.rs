@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_with_budget, gpu_or_skip, lit_share};
-use voxrole_viewer::state::{Camera, CameraPreset, Technique};
+use voxrole_viewer::state::{Camera, CameraPreset, Scene, Technique};
 use voxrole_viewer::{Error, Renderer, Target};
 
 use crate::phantom::{Phantom, Shell, orthographic};
@@ -73,6 +73,22 @@ fn a_volume_longer_than_textures_is_drawn() {
     let on_cpu = draw_on_cpu(&volume, &state);
     assert!(lit_share(&on_cpu, [0, 0, 0, 255]) > 0.05);
     assert_same("long", &on_cpu, &picture);
+}
+
+#[test]
+fn rays_that_wait_end_at_what_is_opaque() {
+    let Some(gpu) = gpu_or_skip("rays_that_wait_end_at_what_is_opaque") else { return };
+    let phantom = shells();
+    let volume = Arc::new(phantom.texels());
+    let mut state = phantom.state(Camera::default());
+    state.scene.bounding_box = true;
+    state.scene.isosurfaces = vec!["90,00FF00".parse().expect("an isosurface")];
+    let (whole, _) = draw_with_budget(&gpu, &volume, &state, None);
+    assert_same("opaque", &draw_on_cpu(&volume, &state), &whole);
+    let (bricks, uploads) = draw_with_budget(&gpu, &volume, &state, Some(5 * BRICK));
+    assert!(bricks == whole && uploads.is_some_and(|uploads| uploads > 0));
+    state.scene = Scene::default();
+    assert!(draw_with_budget(&gpu, &volume, &state, None).0 != whole);
 }
 
 #[test]

@@ -259,6 +259,38 @@ fn lines_and_surfaces_are_drawn_and_kept_in_sessions() {
 }
 
 #[test]
+fn value_alone_and_stored_opacities_are_drawn() {
+    let folder = folder("by-value");
+    let path = |name: &str| folder.join(name);
+    let [packed, stored] = ["shells.vxr", "stored.npy"].map(path);
+    write(&small_shells(), &packed).expect("is written");
+    // A ball of fog: intensity and opacity, u8, the components last.
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    let header = "{'descr': '|u1', 'fortran_order': False, 'shape': (8, 8, 8, 2), }";
+    bytes.extend(format!("{header:<117}\n").bytes());
+    bytes.extend((0..512).flat_map(|index| [200, if (100..400).contains(&index) { 60 } else { 0 }]));
+    std::fs::write(&stored, bytes).expect("is written");
+    let curve = ["--classify", "value", "--curve", "100,000000,0;140,00FF00,0.9;180,000000,0"];
+    let session = path("value.toml");
+    let kept = ["--save-session", session.to_str().expect("Unicode")];
+    render(&packed, &path("value.png"), &[&curve[..], &kept].concat()).expect("is drawn");
+    render(&packed, &path("again.png"), &["--session", kept[1]]).expect("is drawn");
+    render(&stored, &path("stored.png"), &["--classify", "stored"]).expect("is drawn");
+    let picture = |name: &str| image::open(path(name)).expect("is a PNG").into_rgba8();
+    assert!(picture("value.png").pixels().any(|pixel| pixel.0[1] > 40 && pixel.0[1] > pixel.0[0]), "green is seen");
+    assert_eq!(picture("again.png"), picture("value.png"));
+    assert!(picture("stored.png").pixels().any(|pixel| pixel.0[0] > 100 && pixel.0[0] == pixel.0[2]), "fog is grey");
+    for (file, options, reason) in [
+        (&packed, &["--classify", "value"][..], "needs a `--curve`"),
+        (&packed, &["--classify", "stored"], "already packed"),
+        (&stored, &["--classify", "stored", "--component", "1"], "leave --component out"),
+    ] {
+        let error = format!("{:#}", render(file, &path("e.png"), options).expect_err(reason));
+        assert!(error.contains(reason) && !path("e.png").exists(), "{error}");
+    }
+}
+
+#[test]
 fn failures_say_why_and_leave_no_file() {
     let folder = folder("failures");
     let [packed, output, other] = ["none.vxr", "none.png", "other.raw"].map(|name| folder.join(name));

@@ -12,7 +12,7 @@ use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::scene::lines::lines;
 use voxrole_viewer::scene::rasterizer::rasterize;
 use voxrole_viewer::scene::{OpaquePixel, Surfaces, Triangles, Vertex};
-use voxrole_viewer::state::{Camera, CameraPreset, MeshFile};
+use voxrole_viewer::state::{Camera, CameraPreset, MeshFile, Technique};
 use voxrole_viewer::{Error, ViewState, VolumeTexels};
 
 use crate::phantom::{Phantom, orthographic};
@@ -138,7 +138,8 @@ fn a_step_that_is_cut_short_counts_for_its_share() {
     let mut state = phantom.state(orthographic(CameraPreset::Front));
     state.transfer_function.emphasis = "linear,0.2,15".parse().expect("an emphasis");
     let mut alphas = Vec::new();
-    for step in [0.05, 1.5] {
+    for (technique, step) in [(Technique::Rays, 0.05), (Technique::Rays, 1.5), (Technique::Slices, 1.5)] {
+        state.render_settings.technique = technique;
         for shift in 0..12 {
             let y = 24.0 + 0.25 * f64::from(shift);
             std::fs::write(&wall, format!("v -50 {y} -50\nv 150 {y} -50\nv 50 {y} 250\nf 1 2 3\n"))
@@ -152,7 +153,7 @@ fn a_step_that_is_cut_short_counts_for_its_share() {
             alphas.push((light.z, wall.z));
         }
     }
-    for (fine, coarse) in alphas[..12].iter().zip(&alphas[12..]) {
+    for (fine, coarse) in alphas[..12].iter().cycle().zip(&alphas[12..]) {
         assert!((fine.0 - coarse.0).abs() < 0.01, "{fine:?} {coarse:?}");
     }
 }
@@ -241,12 +242,19 @@ fn gpu_and_cpu_draw_the_same_scene() {
     let cameras = [("default", Camera::default()), ("iso", orthographic(CameraPreset::Iso)), ("close", close)];
     for (name, camera) in cameras {
         let mut state = full_state(&phantom, camera, &format!("same-{name}.obj"));
-        for (jitter, clip) in [(false, None), (true, Some("30,20,0.2"))] {
+        let rays = Technique::Rays;
+        for (technique, jitter, clip) in [
+            (rays, false, None),
+            (rays, true, Some("30,20,0.2")),
+            (Technique::Slices, false, None),
+            (Technique::Stacks, false, Some("30,20,0.2")),
+        ] {
+            state.render_settings.technique = technique;
             state.render_settings.jitter = jitter;
             state.clipping.planes = clip.iter().map(|plane: &&str| plane.parse().expect("a plane")).collect();
             state.clipping.crop = if jitter { "4:,:,:56" } else { ":,:,:" }.parse().expect("a crop");
             let [on_cpu, on_gpu] = [draw_on_cpu(&volume, &state), draw_on_gpu(&gpu, &volume, &state)];
-            assert_same(&format!("{name} {clip:?}"), &on_cpu, &on_gpu);
+            assert_same(&format!("{name} {technique:?} {clip:?}"), &on_cpu, &on_gpu);
         }
     }
 }
