@@ -164,7 +164,8 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is opaque.
+    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is
+    /// opaque.
     #[inline(always)]
     fn march(&self, ray: &Ray, first: f32, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
@@ -250,7 +251,8 @@ impl<'a> RayMarcher<'a> {
     }
 }
 
-/// How many steps of a ray end within a length; samples lie in the middles of steps, the first one so far into the ray's first step.
+/// How many of a ray's steps end within a length: they are those around the samples, the first of which lies at
+/// `first · step`.
 fn steps_before(length: f32, first: f32, step: f32) -> f32 {
     (length / step - first + 0.5).floor().max(0.0)
 }

@@ -1,4 +1,5 @@
-//! The pass before the rays: opaque triangles into textures of colour and place along every pixel's ray, which the rays end at.
+//! The pass before the rays: opaque triangles into textures of colour and place along every pixel's ray, which the rays
+//! end at.
 
 use std::sync::Arc;
 
@@ -128,7 +129,8 @@ impl Geometry {
         Ok(())
     }
 
-    /// Records the pass where the state's scene is prepared for the frame's size and not drawn yet, and gives what rays read.
+    /// Records the pass where the state's scene is prepared for the frame's size and not drawn yet, and gives what rays
+    /// read.
     pub fn record(
         &mut self,
         gpu: &Gpu,
