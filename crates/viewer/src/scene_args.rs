@@ -13,7 +13,8 @@ pub struct SceneArgs {
     /// Draw arrows along the world's axes, x red, y green, z blue, from the corner of the box where x + y + z is least.
     #[arg(long)]
     pub axes: bool,
-    /// Draw a bar of a round length in world units into the lower right corner; in perspective it holds in the volume's middle.
+    /// Draw a bar of a round length in world units into the lower right corner; in perspective it holds in the volume's
+    /// middle.
     #[arg(long)]
     pub scale_bar: bool,
     /// Draw the opaque surface in a file, STL or OBJ, in the volume's world coordinates; may be given several times.

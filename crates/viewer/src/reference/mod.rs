@@ -180,7 +180,8 @@ impl<'a> RayMarcher<'a> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is opaque.
+    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is
+    /// opaque.
     #[inline(always)]
     fn march(&self, ray: &Ray, first: f32, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;

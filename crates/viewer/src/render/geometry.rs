@@ -1,4 +1,5 @@
-//! The pass before the rays: opaque triangles into textures of colour and place along every pixel's ray, which the rays end at.
+//! The pass before the rays: opaque triangles into textures of colour and place along every pixel's ray, which the rays
+//! end at.
 
 use std::sync::Arc;
 

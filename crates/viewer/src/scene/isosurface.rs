@@ -1,10 +1,12 @@
 //! The surface on which the value, trilinearly interpolated, is one number: surface nets, whose vertices lie on it.
 //!
-//! Every cell of eight voxels with values on both sides has one vertex: the mean of where its edges are crossed, moved onto the
-//! surface of the interpolated value. Every crossed edge joins the vertices of the four cells around it. A further layer of cells
-//! around the volume, in which values go on unchanged, takes the surface to the faces of the box.
+//! Every cell of eight voxels with values on both sides has one vertex: the mean of where its edges are crossed, moved
+//! onto the surface of the interpolated value. Every crossed edge joins the vertices of the four cells around it. A
+//! further layer of cells around the volume, in which values go on unchanged, takes the surface to the faces of the
+//! box.
 //!
-//! Source: S. Gibson, Constrained elastic surface nets, 1998, without the relaxation that moves vertices off the surface.
+//! Source: S. Gibson, Constrained elastic surface nets, 1998, without the relaxation that moves vertices off the
+//! surface.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -46,7 +48,8 @@ impl Layer {
 }
 
 impl<F: Fn(usize) -> f32 + Sync> ScalarField<F> {
-    /// The surface between values below `level` and all others, in one colour; `None` where it would have more than `most` triangles.
+    /// The surface between values below `level` and all others, in one colour; `None` where it would have more than
+    /// `most` triangles.
     #[must_use]
     pub fn surface(&self, level: f32, color: [f32; 3], most: usize) -> Option<Triangles> {
         let [_, _, depth] = self.dims;
@@ -145,8 +148,8 @@ impl<F: Fn(usize) -> f32 + Sync> ScalarField<F> {
         (sum / self.spacing).normalize_or_zero()
     }
 
-    /// For every crossed edge that begins at a voxel of a layer, the four cells around it, one after another: their numbers, which are
-    /// one above those of their lowest voxels.
+    /// For every crossed edge that begins at a voxel of a layer, the four cells around it, one after another: their
+    /// numbers, which are one above those of their lowest voxels.
     fn crossed_edges(&self, z: usize, level: f32) -> Vec<[[usize; 3]; 4]> {
         let [width, height, depth] = self.dims.map(|dim| dim as usize);
         let is_above = |x: usize, y: usize, z: usize| self.at(IVec3::new(x as i32, y as i32, z as i32)) >= level;

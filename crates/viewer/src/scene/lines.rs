@@ -37,7 +37,8 @@ pub fn lines(state: &ViewState, volume: &VolumeDescription, frame: &Frame) -> Tr
         let axes_from_world = volume.axes_from_world();
         let length = AXIS_LENGTH * (whole[1] - whole[0]).length();
         let towards = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axes_from_world * axis);
-        // The corner of least x + y + z in the world: along a grid that is only mirrored or relabelled the arrows follow its edges.
+        // The corner of least x + y + z in the world: along a grid that is only mirrored or relabelled the arrows
+        // follow its edges.
         let diagonal = towards[0] + towards[1] + towards[2];
         let start = Vec3::select(diagonal.cmpge(Vec3::ZERO), whole[0], whole[1]);
         for (axis, color) in towards.into_iter().zip(AXIS_COLORS) {
@@ -88,8 +89,8 @@ impl Lines {
         }
     }
 
-    /// The front of a thin tube: a strip that faces the eye, half its width closer to it, so that a thick line hides a thin one in the
-    /// same place. It reaches as far beyond its ends, so that lines that meet there have a corner.
+    /// The front of a thin tube: a strip that faces the eye, half its width closer to it, so that a thick line hides a
+    /// thin one in the same place. It reaches as far beyond its ends, so that lines that meet there have a corner.
     fn push_line(&mut self, start: Vec3, end: Vec3, half_width: f32, color: [f32; 3]) {
         let Some([start, end]) = self.before_the_eye([start, end]) else { return };
         let along = (end - start).normalize_or_zero();

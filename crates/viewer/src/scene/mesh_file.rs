@@ -37,8 +37,8 @@ pub(super) fn says_right_anterior(text: &[u8]) -> bool {
     text.windows(9).any(|window| window.eq_ignore_ascii_case(b"SPACE=RAS"))
 }
 
-/// Reads a mesh into the frame's space, with at most `most` triangles. Facets that meet at less than 30 degrees are lit as one
-/// smooth surface; normals that the file has are not needed.
+/// Reads a mesh into the frame's space, with at most `most` triangles. Facets that meet at less than 30 degrees are lit
+/// as one smooth surface; normals that the file has are not needed.
 ///
 /// # Errors
 /// [`Error::Mesh`] when the file cannot be read, is neither STL nor OBJ, is damaged, or has too many triangles or none.
@@ -80,7 +80,8 @@ fn parser(path: &Path) -> std::result::Result<Parser, String> {
     }
 }
 
-/// Triangles with corners of their own, whose normals are the mean of the facets around that are nearly parallel, by area.
+/// Triangles with corners of their own, whose normals are the mean of the facets around that are nearly parallel, by
+/// area.
 fn smooth(positions: &[Vec3], triangles: &[[u32; 3]], color: [f32; 3]) -> Triangles {
     // STL has every corner once for each facet.
     let mut places = HashMap::new();
@@ -148,7 +149,8 @@ mod tests {
             for parse in [stl::parse, obj::parse] {
                 if let Ok(mesh) = parse(&content, 4) {
                     prop_assert!(mesh.triangles.len() <= 4);
-                    prop_assert!(mesh.triangles.iter().flatten().all(|&corner| (corner as usize) < mesh.vertices.len()));
+                    let mut corners = mesh.triangles.iter().flatten();
+                    prop_assert!(corners.all(|&corner| (corner as usize) < mesh.vertices.len()));
                 }
             }
         }

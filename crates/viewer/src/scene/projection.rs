@@ -16,7 +16,8 @@ pub struct PixelProjection {
     pub forward: Vec3,
     /// Whether rays start from one place.
     pub is_perspective: bool,
-    /// From the picture's middle to its right edge: at a distance of 1 along `forward` in perspective, at any otherwise.
+    /// From the picture's middle to its right edge: at a distance of 1 along `forward` in perspective, at any
+    /// otherwise.
     pub right: Vec3,
     /// From the picture's middle to its upper edge.
     pub up: Vec3,
@@ -36,7 +37,8 @@ impl From<&Frame> for PixelProjection {
 }
 
 impl PixelProjection {
-    /// Homogeneous coordinates: x and y over the third are the place in the picture, −1 to 1, x to the right and y upwards.
+    /// Homogeneous coordinates: x and y over the third are the place in the picture, −1 to 1, x to the right and y
+    /// upwards.
     #[must_use]
     pub fn project(&self, position: Vec3) -> Vec3 {
         let from_eye = position - self.origin;

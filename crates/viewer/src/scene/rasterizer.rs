@@ -1,7 +1,8 @@
 //! Triangles into pixels: for each the colour of the nearest one, and where along the pixel's ray it lies.
 //!
-//! The rules are those of GPUs: corners lie on a raster of 1/256 of a pixel, and a pixel belongs to a triangle when its middle lies
-//! inside or on an upper or left edge, so that triangles that share an edge leave no gap and draw no pixel twice.
+//! The rules are those of GPUs: corners lie on a raster of 1/256 of a pixel, and a pixel belongs to a triangle when its
+//! middle lies inside or on an upper or left edge, so that triangles that share an edge leave no gap and draw no pixel
+//! twice.
 //!
 //! Source: Pineda, A parallel algorithm for polygon rasterization, 1988; the fill rule is that of Vulkan and Direct3D.
 

@@ -24,8 +24,8 @@ pub struct ScaleBar {
 }
 
 impl ScaleBar {
-    /// The longest bar of 1, 2 or 5 times a power of ten that takes a quarter of the width or less. In perspective it holds at the
-    /// depth of the volume's middle; `None` where that lies behind the eye.
+    /// The longest bar of 1, 2 or 5 times a power of ten that takes a quarter of the width or less. In perspective it
+    /// holds at the depth of the volume's middle; `None` where that lies behind the eye.
     #[must_use]
     pub fn new(state: &ViewState, volume: &VolumeDescription, image_size: [u32; 2]) -> Option<Self> {
         let frame = Frame::new(state, volume, &EmphasisTable::new(&TransferFunction::default()), image_size);

@@ -21,8 +21,8 @@ impl Surfaces {
     /// Reads the meshes, and finds the isosurfaces among values as a volume's texels hold them, by the texel's number.
     ///
     /// # Errors
-    /// [`Error::Mesh`] when a file cannot be read or understood, [`Error::Isosurface`] when no value of the volume's is reached, and both
-    /// when there are more than [`Triangles::MOST`] triangles in all.
+    /// [`Error::Mesh`] when a file cannot be read or understood, [`Error::Isosurface`] when no value of the volume's is
+    /// reached, and both when there are more than [`Triangles::MOST`] triangles in all.
     pub fn new(scene: &Scene, volume: &VolumeDescription, value: impl Fn(usize) -> u16 + Sync) -> Result<Self> {
         let mut triangles = Triangles::default();
         for mesh in &scene.meshes {

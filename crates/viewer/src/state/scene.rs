@@ -12,7 +12,8 @@ use super::{ParseError, parse_number};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// Whether the edges of the volume's box are drawn, and those of the box of voxels that is kept where one is cut out of it.
+    /// Whether the edges of the volume's box are drawn, and those of the box of voxels that is kept where one is cut
+    /// out of it.
     pub bounding_box: bool,
     /// Whether arrows along the world's axes are drawn.
     pub axes: bool,

@@ -202,8 +202,8 @@ fn the_rasterizer_equals_its_naive_twin() {
     }
 }
 
-/// How many pixels are not as their middle's ray has it, but as one beside it: corners lie on a raster of 1/256 of a pixel, so that a ray
-/// that meets an edge may fall to either side of it.
+/// How many pixels are not as their middle's ray has it, but as one beside it: corners lie on a raster of 1/256 of a
+/// pixel, so that a ray that meets an edge may fall to either side of it.
 fn off_pixels(name: &str, triangles: &Triangles, frame: &Frame, found: &[OpaquePixel]) -> usize {
     let rays = &frame.rays;
     let [wide, tall] = frame.image_size.map(f64::from);
@@ -260,6 +260,23 @@ fn gpu_and_cpu_draw_the_same_scene() {
 }
 
 #[test]
+fn leaping_changes_nothing_before_what_is_opaque() {
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    for (index, camera) in [Camera::default(), orthographic(CameraPreset::Iso)].into_iter().enumerate() {
+        let mut state = full_state(&phantom, camera, &format!("leaps-{index}.obj"));
+        for jitter in [false, true] {
+            state.render_settings.jitter = jitter;
+            let [with, without] = [true, false].map(|leaps| {
+                state.render_settings.leaps = leaps;
+                draw_on_cpu(&volume, &state)
+            });
+            assert_eq!(with, without);
+        }
+    }
+}
+
+#[test]
 fn meshes_and_isosurfaces_meet_on_turned_and_uneven_grids() {
     let mut phantom = Phantom::ball();
     phantom.geometry = GridGeometry {
@@ -273,8 +290,8 @@ fn meshes_and_isosurfaces_meet_on_turned_and_uneven_grids() {
     state.scene.isosurfaces = vec!["50".parse().expect("an isosurface")];
     for vertex in &surfaces(&volume, &state).triangles.vertices {
         let from_middle = Vec3::from_array(vertex.position) - phantom.center.as_vec3();
-        // L_min is 1 world unit. Interpolation flattens the ball by h²/8R along each axis, 0.045 in all, and moves the edge, which is
-        // blurred by 1.5, by 0.385/(6 · 1.5²) at most, 0.029.
+        // L_min is 1 world unit. Interpolation flattens the ball by h²/8R along each axis, 0.045 in all, and moves the
+        // edge, which is blurred by 1.5, by 0.385/(6 · 1.5²) at most, 0.029.
         assert!((from_middle.length() - 20.0).abs() < 0.075, "{}", from_middle.length());
         assert!(Vec3::from_array(vertex.normal).dot(-from_middle.normalize()) > 0.99);
     }
