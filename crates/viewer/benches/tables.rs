@@ -4,10 +4,12 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
-use voxrole_viewer::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable};
+use voxrole_viewer::classify::{
+    EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, ValueTable,
+};
 use voxrole_viewer::frame::Frame;
 use voxrole_viewer::reference::roles::Roles;
-use voxrole_viewer::state::TransferFunction;
+use voxrole_viewer::state::{Curve, TransferFunction};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
 const SIDE: u32 = 256;
@@ -60,6 +62,10 @@ fn tables(criterion: &mut Criterion) {
     group.bench_function("roles of the CPU", |bencher| {
         bencher.iter(|| Roles::new(black_box(&table), &transfer_function));
     });
+    let curve: Curve = "0.1,FF6262,0;0.5,FFFFB4,0.9;0.75,FFFFFF,0.2;1,FFFFFF,0".parse().expect("a curve");
+    for (name, step) in [("value alone, one axis", None), ("value alone, two axes", Some(1.0))] {
+        group.bench_function(name, |bencher| bencher.iter(|| ValueTable::new(black_box(&curve), value_range, step)));
+    }
     group.finish();
 }
 

@@ -6,7 +6,7 @@
 //! one value. After Engel, Kraus and Ertl, High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
 //! 2001.
 
-use glam::{DVec3, DVec4, Vec4};
+use glam::{DVec4, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::frame::Frame;
@@ -21,7 +21,7 @@ pub const SIDE: usize = 256;
 pub const NARROW: f32 = 2.0;
 
 /// Pieces of a step, at most, of which the first hide the others.
-const MOST_PIECES: usize = 16;
+const MOST_PIECES: usize = 8;
 /// No opacity is taken to be larger: τ of a path of `L_min` is 14 at most.
 const MOST_OPACITY: f32 = 1.0 - 1e-6;
 
@@ -128,39 +128,39 @@ impl ValueTable {
     }
 
     fn ordered(&self, sums: &[DVec4], step: f32) -> Vec<Vec4> {
-        let part = |index: usize| index as f64 * PARTS as f64 / (SIDE - 1) as f64;
+        const PARTS_APART: f64 = PARTS as f64 / (SIDE - 1) as f64;
         let sum_at = |place: f64| {
             let lower = (place as usize).min(PARTS - 1);
             sums[lower].lerp(sums[lower + 1], place - lower as f64)
         };
         let mut table = vec![Vec4::ZERO; SIDE * SIDE];
         table.par_chunks_exact_mut(SIDE).enumerate().for_each(|(front, backs)| {
+            let start = front as f64 * PARTS_APART;
             for (back, entry) in backs.iter_mut().enumerate() {
-                let (start, end) = (part(front), part(back));
                 if front == back {
                     let at = between(&self.ends, start as f32);
                     *entry = (at.w * at.truncate()).extend(at.w);
                     continue;
                 }
                 let pieces = front.abs_diff(back).min(MOST_PIECES);
-                let piece = (end - start) / pieces as f64;
-                let (mut before, mut through, mut color) = (sum_at(start), 1.0_f64, DVec3::ZERO);
+                let piece = (back as f64 - front as f64) * PARTS_APART / pieces as f64;
+                // From integrals over parts to optical depths of pieces of the step.
+                let scale = step / (piece as f32 * pieces as f32);
+                let (mut before, mut through, mut color) = (sum_at(start), 1.0_f32, Vec3::ZERO);
                 for index in 1..=pieces {
                     let after = sum_at(start + index as f64 * piece);
-                    let difference = after - before;
+                    let difference = (after - before).as_vec4();
                     before = after;
                     if difference.w != 0.0 {
-                        let left =
-                            through * f64::from(-(difference.w / piece * f64::from(step) / pieces as f64) as f32).exp();
+                        let left = through * (-difference.w * scale).exp();
                         color += (through - left) * difference.truncate() / difference.w;
                         through = left;
                     }
                 }
-                let opacity = 1.0 - through;
-                if opacity > 0.0 {
+                if through < 1.0 {
                     // For a path of L_min, as all opacities are.
-                    let for_each = 1.0 - through.powf(1.0 / f64::from(step));
-                    *entry = (for_each / opacity * color).extend(for_each).as_vec4();
+                    let opacity = 1.0 - (through.max(f32::MIN_POSITIVE).ln() / step).exp();
+                    *entry = (opacity / (1.0 - through) * color).extend(opacity);
                 }
             }
         });
@@ -177,6 +177,8 @@ fn between(ends: &[Vec4], place: f32) -> Vec4 {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     /// Composites a step in ten thousand pieces.
