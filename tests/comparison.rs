@@ -67,7 +67,7 @@ pub fn draw_with_budget(
 ) -> (Picture, Option<u64>) {
     let target = Target::new(gpu, state.render_settings.image_size).expect("a target");
     let mut renderer = Renderer::new(gpu, volume, budget).expect("a renderer");
-    let surfaces = Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0]).expect("a scene");
+    let surfaces = Surfaces::of(state, volume).expect("a scene");
     renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size()).expect("has room");
     renderer.draw(state, &target).expect("draws");
     (target.read_back(gpu).expect("a picture"), renderer.bricks_uploaded())

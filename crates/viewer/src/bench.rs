@@ -10,8 +10,7 @@ use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::plot::{AxisScale, Chart, ChartAxis, Line, Point, Series, SeriesStyle, chart_png, chart_svg};
 
 use crate::args::BenchArgs;
-use crate::headless::{state, write};
-use crate::open::open_or_prepare;
+use crate::headless::{read_what_is_drawn, typed_state, write};
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::state::{Integration, Technique, ViewState};
 use crate::volume::VolumeTexels;
@@ -52,19 +51,17 @@ pub struct Row {
 pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     let BenchArgs { file, output, view, raw } = arguments;
     let in_folder = || output.display().to_string();
+    let mut state = typed_state(view)?;
+    state.render_settings.image_size = view.size.unwrap_or(SIZE);
+    let volume = read_what_is_drawn(file, &raw.read_options(), view.level, &mut state)?;
     if !output.is_dir() {
         fs::create_dir(output).with_context(in_folder)?;
     }
     let table = output.join("render.csv");
     atomic_file::check_output(&table, &[file]).with_context(in_folder)?;
-    let named = || file.display().to_string();
-    let opened = open_or_prepare(file, &raw.read_options())?;
-    let mut state = state(&opened.reader, view).with_context(named)?;
-    state.render_settings.image_size = view.size.unwrap_or(SIZE);
-    let volume = VolumeTexels::read_level(&opened.reader, view.level).with_context(named)?;
     let rows = measure(&volume, &state)?;
     write(&table, csv(&rows).as_bytes())?;
-    let source = &opened.reader.header().source.name;
+    let source = file.file_name().unwrap_or_default().to_string_lossy();
     let [width, height] = state.render_settings.image_size;
     let subtitle = format!("{source}, {width} × {height} pixels, against post-classified samples at 1/64 of a voxel");
     for (name, chart) in [("render-step", by_step(&rows, &subtitle)), ("render-time", by_time(&rows, &subtitle))] {

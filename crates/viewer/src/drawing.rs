@@ -59,7 +59,7 @@ impl<'a> Drawing<'a> {
         tell(format!("voxrole-view: drawing on {}", gpu.name));
         let target = Target::new(&gpu, state.render_settings.image_size)?;
         let mut renderer = Renderer::new(&gpu, volume, budget)?;
-        let surfaces = Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0])?;
+        let surfaces = Surfaces::of(state, volume)?;
         renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size())?;
         Ok(Self::Gpu(Box::new(OnGpu { gpu, renderer, target, state: state.clone() })))
     }

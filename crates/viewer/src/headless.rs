@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use voxrole_preprocess::console::{print, tell};
+use voxrole_preprocess::io::ReadOptions;
 
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
@@ -40,22 +41,8 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         settings.leaps = false;
         settings.termination_opacity = 1.0;
     }
-    let options = arguments.raw.read_options();
-    let opened = match state.transfer_function.classification {
-        Classification::Stored => None,
-        Classification::Roles | Classification::Value => Some(open_or_prepare(&arguments.file, &options)?),
-    };
-    if let Some(opened) = &opened {
-        propose_where_needed(&mut state, &opened.reader).with_context(named)?;
-    }
-    if let Some(path) = &arguments.save_session {
-        write(path, state.to_toml()?.as_bytes())?;
-    }
     let start = Instant::now();
-    let volume = match &opened {
-        Some(opened) => VolumeTexels::read_level(&opened.reader, arguments.view.level).with_context(named)?,
-        None => read_stored(&arguments.file, &options)?,
-    };
+    let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), arguments.view.level, &mut state)?;
     let volume = Arc::new(volume);
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.cpu || outputs.need_light;
@@ -63,6 +50,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state, arguments.gpu_memory) };
     let mut drawing = drawing.with_context(named)?;
     let ready = start.elapsed().as_secs_f64() - reading;
+    if let Some(path) = &arguments.save_session {
+        write(path, state.to_toml()?.as_bytes())?;
+    }
     let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
     if arguments.stats {
         tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {seconds:.3} s"));
@@ -74,9 +64,14 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     }
     let rgba = &drawn.picture.rgba;
     if rgba.chunks_exact(4).all(|pixel| pixel == &rgba[..4]) {
-        tell(
-            "voxrole-view: nothing is visible: no boundary that the camera sees lies in any region or on the curve, or all is cut away",
-        );
+        tell(match state.transfer_function.classification {
+            Classification::Roles => {
+                "voxrole-view: nothing is visible: no boundary that the camera sees lies in any region or on the curve, or all is cut away"
+            }
+            Classification::Value | Classification::Stored => {
+                "voxrole-view: nothing is visible: nothing that the camera sees has an opacity, or all is cut away"
+            }
+        });
     }
     Ok(())
 }
@@ -206,27 +201,48 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
 /// When it cannot be read or understood; the message names it.
 pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
     let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    ViewState::from_toml(&text).with_context(|| path.display().to_string())
+    let mut state = ViewState::from_toml(&text).with_context(|| path.display().to_string())?;
+    // From where the session lies, wherever it is opened.
+    for mesh in &mut state.scene.meshes {
+        if let (true, Some(folder)) = (Path::new(&mesh.path).is_relative(), path.parent()) {
+            mesh.path = folder.join(&mesh.path).display().to_string();
+        }
+    }
+    Ok(state)
 }
 
-/// What is asked for of a packed file: [`typed_state`], with proposed regions where nothing says what to draw.
+/// Reads what a state draws of a file, which is prepared first where that is needed, and proposes regions where nothing says what to draw.
 ///
 /// # Errors
-/// As [`typed_state`]; also when nothing can be proposed, or what is asked for needs another kind of file.
-pub fn state(reader: &Reader, arguments: &ViewArgs) -> anyhow::Result<ViewState> {
-    let mut state = typed_state(arguments)?;
-    propose_where_needed(&mut state, reader)?;
-    Ok(state)
+/// When the file cannot be read, is not of the kind that the state asks for, or nothing can be proposed; the message names it.
+pub fn read_what_is_drawn(
+    file: &Path,
+    options: &ReadOptions,
+    level: usize,
+    state: &mut ViewState,
+) -> anyhow::Result<VolumeTexels> {
+    let named = || file.display().to_string();
+    if state.transfer_function.classification == Classification::Stored {
+        ensure!(level == 0, "{}: stored opacities have no level {level}: their last is 0", named());
+        return read_stored(file, options);
+    }
+    let opened = open_or_prepare(file, options)?;
+    propose_where_needed(state, &opened.reader).with_context(named)?;
+    VolumeTexels::read_level(&opened.reader, level).with_context(named)
 }
 
 /// The session, or else the defaults, with everything that was typed in its place.
 ///
 /// # Errors
 /// When the session cannot be read, or too much is asked for.
-fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
+pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
     let ViewState { camera, transfer_function, clipping, render_settings, scene } = &mut state;
     arguments.scene.apply(scene);
+    for mesh in &mut scene.meshes {
+        // So that a session that is saved can be opened from anywhere.
+        mesh.path = std::path::absolute(&mesh.path).unwrap_or_else(|_| (&mesh.path).into()).display().to_string();
+    }
     scene.check()?;
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
         if let Some(typed) = typed {
@@ -264,10 +280,7 @@ fn propose_where_needed(state: &mut ViewState, reader: &Reader) -> anyhow::Resul
             Ok(())
         }
         Classification::Value if !has_curve => bail!("what is drawn by value alone needs a `--curve`"),
-        Classification::Stored => {
-            bail!("a packed volume has no stored opacities: draw the file of intensities and opacities itself")
-        }
-        Classification::Roles | Classification::Value => Ok(()),
+        Classification::Roles | Classification::Value | Classification::Stored => Ok(()),
     }
 }
 

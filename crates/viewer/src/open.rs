@@ -33,9 +33,7 @@ pub struct Opened {
 /// When it cannot be read, is damaged, or is not a volume; the message names it.
 pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Opened> {
     let named = || path.display().to_string();
-    let mut start = Vec::new();
-    File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start)).with_context(named)?;
-    if start == MAGIC {
+    if is_packed(path)? {
         return Ok(Opened { reader: Reader::open(path).with_context(named)?, _prepared: None });
     }
     let grid = read_volume(path, options)?;
@@ -45,6 +43,13 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
     prepare(&grid, &Settings::new(Method::Auto), &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
+}
+
+fn is_packed(path: &Path) -> anyhow::Result<bool> {
+    let mut start = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start));
+    read.with_context(|| path.display().to_string())?;
+    Ok(start == MAGIC)
 }
 
 /// Reads a volume whose voxels have two numbers, intensity and opacity for a path of `L_min`: shares of the largest integer of their
@@ -59,8 +64,14 @@ pub fn read_stored(path: &Path, options: &ReadOptions) -> anyhow::Result<VolumeT
         "{}: intensity and opacity are components 0 and 1: leave --component out",
         named()
     );
+    ensure!(
+        !is_packed(path)?,
+        "{}: a packed volume has no stored opacities: draw the file of intensities and opacities itself",
+        named()
+    );
     let read = |component| read_volume(path, &ReadOptions { component: Some(component), ..options.clone() });
-    let (intensity, opacity) = (read(0).context("reading intensities")?, read(1).context("reading opacities")?);
+    let expected = "stored opacities need a volume of two numbers per voxel, intensity and opacity";
+    let (intensity, opacity) = (read(0).context(expected)?, read(1).context(expected)?);
     ensure!(read(2).is_err(), "{}: expected two numbers per voxel, intensity and opacity, found more", named());
     let [intensities, opacities] = [&intensity, &opacity].map(|grid| shares(grid).with_context(named));
     let description = VolumeDescription::new(

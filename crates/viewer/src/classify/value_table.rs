@@ -231,10 +231,7 @@ mod tests {
                 let (color, opacity) = curve.at(value).expect("has points");
                 let found = table.look_up(value * 257.0, value * 257.0 + 1.0);
                 assert!((found.w - opacity).abs() < 0.06, "{value}: {found} is not {opacity}");
-                assert!(
-                    value == 202.0 || (found.truncate() - glam::Vec3::from_array(color)).length() < 0.05,
-                    "{value}"
-                );
+                assert!(value == 202.0 || (found.truncate() - Vec3::from_array(color)).length() < 0.05, "{value}");
             }
         }
     }

@@ -90,7 +90,7 @@ impl<'a> RayMarcher<'a> {
             Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
         };
         let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
-        let surfaces = Surfaces::new(&state.scene, description, |voxel| volume.texels[voxel][0])?;
+        let surfaces = Surfaces::of(state, volume)?;
         Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, surfaces })
     }
 

@@ -6,8 +6,8 @@ use super::isosurface::ScalarField;
 use super::mesh_file::read_mesh;
 use super::triangles::Triangles;
 use crate::frame::drawn_box;
-use crate::state::{Isosurface, Scene};
-use crate::volume::VolumeDescription;
+use crate::state::{Classification, Isosurface, Scene, ViewState};
+use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, Result};
 
 /// All meshes and isosurfaces of a scene, in the frame's space of one volume.
@@ -18,6 +18,15 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
+    /// The surfaces of a state's scene in a volume: isosurfaces are of its values, or of its intensities where those are stored.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of(state: &ViewState, volume: &VolumeTexels) -> Result<Self> {
+        let channel = if state.transfer_function.classification == Classification::Stored { 2 } else { 0 };
+        Self::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][channel])
+    }
+
     /// Reads the meshes, and finds the isosurfaces among values as a volume's texels hold them, by the texel's number.
     ///
     /// # Errors

@@ -238,6 +238,13 @@ fn lines_and_surfaces_are_drawn_and_kept_in_sessions() {
     run("b.png", &["--cpu", "--session", session]).expect("is drawn");
     assert!(png("b.png") == png("a.png"), "the same picture");
 
+    // A mesh lies where the session does.
+    std::fs::write(path("m.obj"), "v 0 0 0\nv 20 0 0\nv 0 0 20\nf 1 2 3\n").expect("is written");
+    std::fs::write(path("m.toml"), "[scene]\nmeshes = [\"m.obj,FF0000\"]\n").expect("is written");
+    let with_mesh = path("m.toml");
+    run("m.png", &["--cpu", "--session", with_mesh.to_str().expect("Unicode")]).expect("is drawn");
+    assert!(png("m.png") != png("without.png"));
+
     // What is opaque is so in a transparent picture, and has a depth.
     run("c.png", &["--session", session, "--transparent", "--depth", depth]).expect("is drawn");
     let picture = image::open(path("c.png")).expect("is a PNG").into_rgba8();
@@ -282,7 +289,7 @@ fn value_alone_and_stored_opacities_are_drawn() {
     assert!(picture("stored.png").pixels().any(|pixel| pixel.0[0] > 100 && pixel.0[0] == pixel.0[2]), "fog is grey");
     for (file, options, reason) in [
         (&packed, &["--classify", "value"][..], "needs a `--curve`"),
-        (&packed, &["--classify", "stored"], "already packed"),
+        (&packed, &["--classify", "stored"], "no stored opacities"),
         (&stored, &["--classify", "stored", "--component", "1"], "leave --component out"),
     ] {
         let error = format!("{:#}", render(file, &path("e.png"), options).expect_err(reason));

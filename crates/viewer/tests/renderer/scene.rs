@@ -48,7 +48,7 @@ fn mesh(path: &Path) -> MeshFile {
 }
 
 fn surfaces(volume: &VolumeTexels, state: &ViewState) -> Surfaces {
-    Surfaces::new(&state.scene, &volume.description, |voxel| volume.texels[voxel][0]).expect("surfaces")
+    Surfaces::of(state, volume).expect("surfaces")
 }
 
 /// The phantom with everything that a scene may have.
