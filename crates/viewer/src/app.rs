@@ -22,8 +22,8 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 /// The smallest window in which every panel still has its room, in points.
 const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 
-/// Opens a window on a volume, with what a session says, and runs it until it is closed. The volume takes `budget` bytes of the GPU at
-/// most.
+/// Opens a window on a volume, with what a session says, and runs it until it is closed. The volume takes `budget`
+/// bytes of the GPU at most.
 ///
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the

@@ -92,8 +92,8 @@ pub struct RenderArgs {
     /// 0.25].
     #[arg(long, value_name = "F", value_parser = parse_step)]
     pub step: Option<f32>,
-    /// What a sample says of the step that it stands for: its middle (post) or all of it (pre); with `--classify value` pre goes by a
-    /// table of one axis, pre-2d by one for every front and back [default: pre].
+    /// What a sample says of the step that it stands for: its middle (post) or all of it (pre); with `--classify value`
+    /// pre goes by a table of one axis, pre-2d by one for every front and back [default: pre].
     #[arg(long, value_enum, hide_possible_values = true, value_name = "post|pre|pre-2d")]
     pub integration: Option<Integration>,
     /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
@@ -149,8 +149,9 @@ pub struct ViewArgs {
         allow_hyphen_values = true
     )]
     pub regions: Vec<Region>,
-    /// What decides: the voxels' roles, that is regions and curve at boundaries; the curve's value alone, everywhere, as in classical
-    /// volume rendering; or intensity and opacity as a file of two numbers a voxel has them [default: roles].
+    /// What decides: the voxels' roles, that is regions and curve at boundaries; the curve's value alone, everywhere,
+    /// as in classical volume rendering; or intensity and opacity as a file of two numbers a voxel has them [default:
+    /// roles].
     #[arg(long, value_enum, hide_possible_values = true, value_name = "roles|value|stored")]
     pub classify: Option<Classification>,
     /// Opacity and colour by value alone, whatever the gradient magnitude: control points with straight lines between them.

@@ -29,16 +29,51 @@ pub enum Drawing<'a> {
     Gpu(Box<OnGpu>),
 }
 
-/// The renderer, and what it draws into.
+/// The renderer, what it draws into, and what it takes to begin again.
 pub struct OnGpu {
     gpu: Gpu,
     renderer: Renderer,
     target: Target,
     state: ViewState,
+    volume: Arc<VolumeTexels>,
+    budget: Option<u64>,
+}
+
+impl OnGpu {
+    fn new(gpu: Gpu, volume: &Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+        let target = Target::new(&gpu, state.render_settings.image_size)?;
+        let mut renderer = Renderer::new(&gpu, volume, budget)?;
+        renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of(state, volume)?), target.size())?;
+        Ok(Self { gpu, renderer, target, state: state.clone(), volume: Arc::clone(volume), budget })
+    }
+
+    fn draw(&mut self, camera: &Camera) -> Result<Picture> {
+        let Self { gpu, renderer, target, state, .. } = self;
+        state.camera = *camera;
+        draw_in_strips(gpu, renderer, state, target)?;
+        let mut picture = target.read_back(gpu)?;
+        if let Some(bar) = scale_bar(state, renderer.volume()) {
+            draw_over_picture(&bar, &mut picture, Vec3::from_array(state.render_settings.background))?;
+        }
+        Ok(picture)
+    }
+
+    /// Draws, and where the device is lost, as by a driver that is restarted, once more on a fresh one.
+    fn draw_again_if_lost(&mut self, camera: &Camera) -> Result<Picture> {
+        match self.draw(camera) {
+            Err(error @ Error::Device { .. }) => {
+                tell(format!("voxrole-view: {error}; opening it again"));
+                *self = Self::new(Gpu::new()?, &self.volume, &self.state, self.budget)?;
+                self.draw(camera)
+            }
+            drawn => drawn,
+        }
+    }
 }
 
 impl<'a> Drawing<'a> {
-    /// On the GPU, of whose memory the volume takes `budget` bytes at most, or on the CPU where there is no adapter but the CPU; says on standard error which it is.
+    /// On the GPU, of whose memory the volume takes `budget` bytes at most, or on the CPU where there is no adapter but
+    /// the CPU; says on standard error which it is.
     ///
     /// # Errors
     /// When the volume or the picture does not fit the device; as [`Surfaces::new`].
@@ -57,11 +92,15 @@ impl<'a> Drawing<'a> {
             Err(error) => return Err(error),
         };
         tell(format!("voxrole-view: drawing on {}", gpu.name));
-        let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let mut renderer = Renderer::new(&gpu, volume, budget)?;
-        let surfaces = Surfaces::of(state, volume)?;
-        renderer.prepare_scene(&state.scene, &Arc::new(surfaces), target.size())?;
-        Ok(Self::Gpu(Box::new(OnGpu { gpu, renderer, target, state: state.clone() })))
+        Self::on_gpu(gpu, volume, state, budget)
+    }
+
+    /// On a device, of whose memory the volume takes `budget` bytes at most.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn on_gpu(gpu: Gpu, volume: &Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume, state, budget)?)))
     }
 
     /// On the CPU.
@@ -75,7 +114,7 @@ impl<'a> Drawing<'a> {
     /// The picture from a camera.
     ///
     /// # Errors
-    /// [`Error::Device`] when the device is lost, [`Error::Label`] when the scale bar's label cannot be drawn.
+    /// [`Error::Device`] when the device is lost twice, [`Error::Label`] when the scale bar's label cannot be drawn.
     pub fn draw(&mut self, camera: &Camera) -> Result<Drawn> {
         match self {
             Self::Cpu(marcher) => {
@@ -88,13 +127,7 @@ impl<'a> Drawing<'a> {
                 Ok(Drawn { picture: light.picture(Some(background)), light: Some(light), samples: Some(samples) })
             }
             Self::Gpu(on_gpu) => {
-                let OnGpu { gpu, renderer, target, state } = &mut **on_gpu;
-                state.camera = *camera;
-                draw_in_strips(gpu, renderer, state, target)?;
-                let mut picture = target.read_back(gpu)?;
-                if let Some(bar) = scale_bar(state, renderer.volume()) {
-                    draw_over_picture(&bar, &mut picture, Vec3::from_array(state.render_settings.background))?;
-                }
+                let picture = on_gpu.draw_again_if_lost(camera)?;
                 Ok(Drawn { picture, light: None, samples: None })
             }
         }

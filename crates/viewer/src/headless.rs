@@ -211,10 +211,12 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
     Ok(state)
 }
 
-/// Reads what a state draws of a file, which is prepared first where that is needed, and proposes regions where nothing says what to draw.
+/// Reads what a state draws of a file, which is prepared first where that is needed, and proposes regions where nothing
+/// says what to draw.
 ///
 /// # Errors
-/// When the file cannot be read, is not of the kind that the state asks for, or nothing can be proposed; the message names it.
+/// When the file cannot be read, is not of the kind that the state asks for, or nothing can be proposed; the message
+/// names it.
 pub fn read_what_is_drawn(
     file: &Path,
     options: &ReadOptions,

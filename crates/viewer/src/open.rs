@@ -52,8 +52,8 @@ fn is_packed(path: &Path) -> anyhow::Result<bool> {
     Ok(start == MAGIC)
 }
 
-/// Reads a volume whose voxels have two numbers, intensity and opacity for a path of `L_min`: shares of the largest integer of their
-/// type, or numbers from 0 to 1.
+/// Reads a volume whose voxels have two numbers, intensity and opacity for a path of `L_min`: shares of the largest
+/// integer of their type, or numbers from 0 to 1.
 ///
 /// # Errors
 /// When it cannot be read or its voxels do not have two such numbers; the message names it.

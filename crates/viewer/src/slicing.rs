@@ -101,8 +101,8 @@ pub struct Sample {
 }
 
 impl Samples {
-    /// Of the part of a ray that is drawn; `share` says where in a step the samples of [`Technique::Rays`] lie. The ray ends at `opaque`
-    /// at the latest, which is infinite for none.
+    /// Of the part of a ray that is drawn; `share` says where in a step the samples of [`Technique::Rays`] lie. The ray
+    /// ends at `opaque` at the latest, which is infinite for none.
     #[must_use]
     #[inline(always)]
     pub fn new(frame: &Frame, ray: &Ray, interval: &Interval, share: f32, opaque: f32) -> Self {

@@ -100,8 +100,8 @@ impl Occupancy {
         Self::where_drawn(volume, can_be_drawn, 0.0)
     }
 
-    /// Where value alone decides: holds the ranges of values against what says whether any of them has an opacity. A step reaches into
-    /// macrocells beside that of its middle.
+    /// Where value alone decides: holds the ranges of values against what says whether any of them has an opacity. A
+    /// step reaches into macrocells beside that of its middle.
     #[must_use]
     pub fn of_values(volume: &MacrocellRanges, is_lit: impl Fn([u16; 2]) -> bool + Sync, frame: &Frame) -> Self {
         let margin = frame.half_step / (MACROCELL as f32 * frame.spacing.min_element());

@@ -173,7 +173,8 @@ struct PaintedRegion<'a> {
     emphasis: u16,
     /// Whether it is drawn as the rectangle around it.
     is_rectangle: bool,
-    /// Of every bin of value and of gradient magnitude: of a rectangle its weight, of other shapes where in the region it lies.
+    /// Of every bin of value and of gradient magnitude: of a rectangle its weight, of other shapes where in the region
+    /// it lies.
     places: [Vec<f32>; 2],
     /// The first bin of value inside, and the one behind the last.
     bins: Range<usize>,

@@ -1,10 +1,11 @@
-//! Colour and opacity by value alone, everywhere: the classical transfer function, and its integrals from one value to another.
+//! Colour and opacity by value alone, everywhere: the classical transfer function, and its integrals from one value to
+//! another.
 //!
-//! Along a step on which the value goes evenly from `front` to `back`, the optical depth for each `L_min` is `(T(back) − T(front)) / (back −
-//! front)` with `T = ∫ τ`, and the colour `∫ τ c / ∫ τ`: a table of one axis, which leaves out that what lies in front hides what lies
-//! behind within the step. A table of two axes, for every front and back, has that too. Ends that are all but equal are looked up as
-//! one value. After Engel, Kraus and Ertl, High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
-//! 2001.
+//! Along a step on which the value goes evenly from `front` to `back`, the optical depth for each `L_min` is `(T(back)
+//! − T(front)) / (back − front)` with `T = ∫ τ`, and the colour `∫ τ c / ∫ τ`: a table of one axis, which leaves out
+//! that what lies in front hides what lies behind within the step. A table of two axes, for every front and back, has
+//! that too. Ends that are all but equal are looked up as one value. After Engel, Kraus and Ertl, High-quality
+//! pre-integrated volume rendering using hardware-accelerated pixel shading, 2001.
 
 use glam::{DVec4, Vec3, Vec4};
 use rayon::prelude::*;
@@ -17,7 +18,8 @@ use crate::volume::VolumeDescription;
 pub const PARTS: usize = 1024;
 /// Fronts and backs of the table of two axes.
 pub const SIDE: usize = 256;
-/// Steps that change by less than so many parts are looked up in their middle: differences of integrals would be rounding alone.
+/// Steps that change by less than so many parts are looked up in their middle: differences of integrals would be
+/// rounding alone.
 pub const NARROW: f32 = 2.0;
 
 /// Pieces of a step, at most, of which the first hide the others.
@@ -32,13 +34,14 @@ pub struct ValueTable {
     ends: Vec<Vec4>,
     /// Integrals over parts of τ times colour, and of τ, at the same places.
     integrals: Vec<Vec4>,
-    /// For every front, one back after another, colour times opacity and opacity for each `L_min`; empty where not asked for.
+    /// For every front, one back after another, colour times opacity and opacity for each `L_min`; empty where not
+    /// asked for.
     front_to_back: Vec<Vec4>,
 }
 
 impl ValueTable {
-    /// Of a curve over a volume's range of values; for steps of a length, in multiples of `L_min`, with the table of two axes. A curve
-    /// without points has no opacity.
+    /// Of a curve over a volume's range of values; for steps of a length, in multiples of `L_min`, with the table of
+    /// two axes. A curve without points has no opacity.
     #[must_use]
     pub fn new(curve: &Curve, value_range: [f64; 2], ordered_step: Option<f32>) -> Self {
         let width = (value_range[1] - value_range[0]) / PARTS as f64;

@@ -1,4 +1,5 @@
-//! Bricks of a volume of which the device has no room for all: those that rays need, in one texture, and where each of them lies.
+//! Bricks of a volume of which the device has no room for all: those that rays need, in one texture, and where each of
+//! them lies.
 
 use std::sync::Arc;
 
@@ -78,8 +79,8 @@ impl BrickAtlas {
         self.uploads
     }
 
-    /// Brings bricks that something can be drawn of, those nearest to the eye first, as long as there are slots that were never
-    /// filled; all that may be drawn where rays do not leap.
+    /// Brings bricks that something can be drawn of, those nearest to the eye first, as long as there are slots that
+    /// were never filled; all that may be drawn where rays do not leap.
     pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame) {
         let free = self.slots.iter().filter(|slot| slot.is_none()).count();
         if free == 0 {
@@ -108,8 +109,8 @@ impl BrickAtlas {
         self.slots.len()
     }
 
-    /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest, but for those that
-    /// have to stay; as many as there is room for.
+    /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest,
+    /// but for those that have to stay; as many as there is room for.
     pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) {
         let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
         let room = self.slots.iter().filter(|slot| !is_staying(slot)).count();

@@ -1,9 +1,10 @@
 //! The passes that draw a volume that comes brick by brick: rays that wait for a brick go on once it is there.
 //!
-//! Every ray marches until it meets a brick that something can be drawn of and that is not on the device, and says which it is. Those
-//! that most rays wait for are brought, and all rays go on from where they were, so that the picture is the same to the last bit
-//! however few bricks there is room for. After Crassin et al., GigaVoxels, 2009, and Hadwiger et al., Interactive volume exploration of
-//! petascale microscopy data streams, 2012, with rays that wait in place of coarser voxels.
+//! Every ray marches until it meets a brick that something can be drawn of and that is not on the device, and says
+//! which it is. Those that most rays wait for are brought, and all rays go on from where they were, so that the picture
+//! is the same to the last bit however few bricks there is room for. After Crassin et al., GigaVoxels, 2009, and
+//! Hadwiger et al., Interactive volume exploration of petascale microscopy data streams, 2012, with rays that wait in
+//! place of coarser voxels.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -144,8 +145,8 @@ impl Strip {
     }
 }
 
-/// The first ray that waits. What it waited for last stays until it has gone on, so that rays do not take bricks from each other
-/// for ever: a step can need several at once.
+/// The first ray that waits. What it waited for last stays until it has gone on, so that rays do not take bricks from
+/// each other for ever: a step can need several at once.
 #[derive(Default)]
 struct Leader {
     pixel: usize,

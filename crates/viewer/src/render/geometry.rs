@@ -90,8 +90,8 @@ impl Geometry {
         Self { pipeline: pipeline(gpu, &frame_layout), frame, nothing, scene: None, generation: 0 }
     }
 
-    /// What rays read for a state's picture: colour and place along the ray of every pixel, which new textures have neither of; and a
-    /// number that changes with the textures.
+    /// What rays read for a state's picture: colour and place along the ray of every pixel, which new textures have
+    /// neither of; and a number that changes with the textures.
     pub fn views(&self, state: &ViewState, size: [u32; 2]) -> ([TextureView; 2], u64) {
         let prepared = self.scene.as_ref().filter(|prepared| prepared.is_of(state, size));
         let targets = prepared.map_or(&self.nothing, |prepared| &prepared.targets);

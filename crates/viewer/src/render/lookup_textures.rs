@@ -139,8 +139,8 @@ impl LookupTextures {
         self.leaping.as_ref()
     }
 
-    /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, its integrals, and what value alone
-    /// decides, as shaders read them.
+    /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, its integrals, and what
+    /// value alone decides, as shaders read them.
     pub fn views(&self) -> [TextureView; 7] {
         let Self { opacity_table, occupancy, emphases, emphasis_table, preintegration, .. } = self;
         [opacity_table, occupancy, emphases, emphasis_table, preintegration, &self.value_table, &self.front_to_back]

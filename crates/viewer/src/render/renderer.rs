@@ -57,12 +57,13 @@ impl Passes {
 }
 
 impl Renderer {
-    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes, or than the device
-    /// has, stays where it is, and bricks of it are uploaded when they are to be seen; others are no longer needed afterwards.
+    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes,
+    /// or than the device has, stays where it is, and bricks of it are uploaded when they are to be seen; others are no
+    /// longer needed afterwards.
     ///
     /// # Errors
-    /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the device
-    /// refuses the shaders.
+    /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the
+    /// device refuses the shaders.
     pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
         let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
         gpu.checked("preparing to draw", || {
@@ -110,8 +111,8 @@ impl Renderer {
         self.volume.level
     }
 
-    /// Uploads the surfaces of a scene, and makes room for pictures of a size. What is not prepared is not drawn: pictures of another
-    /// size and states with another scene have none.
+    /// Uploads the surfaces of a scene, and makes room for pictures of a size. What is not prepared is not drawn:
+    /// pictures of another size and states with another scene have none.
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device's memory does not suffice.

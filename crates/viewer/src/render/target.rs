@@ -83,10 +83,13 @@ pub(super) fn read_back(gpu: &Gpu, texture: &Texture, rows: u32, action: &'stati
     let buffer = gpu.checked(action, || copy_to_buffer(gpu, texture, rows, padded_row_bytes))?;
 
     let (sender, receiver) = mpsc::channel();
-    buffer.map_async(MapMode::Read, .., move |mapped| {
-        // A receiver that is gone has already reported why.
-        let _ = sender.send(mapped);
-    });
+    // A device that is lost complains of this first.
+    gpu.checked(action, || {
+        buffer.map_async(MapMode::Read, .., move |mapped| {
+            // A receiver that is gone has already reported why.
+            let _ = sender.send(mapped);
+        });
+    })?;
     gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| gpu.error(action, &error))?;
     receiver.recv().map_err(|error| gpu.error(action, &error))?.map_err(|error| gpu.error(action, &error))?;
     let mapped = buffer.get_mapped_range(..).map_err(|error| gpu.error(action, &error))?;

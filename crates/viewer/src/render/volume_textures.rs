@@ -1,4 +1,5 @@
-//! A volume on the GPU, four 16-bit integers a voxel: one 3D texture, or some of its bricks where it is too large for that.
+//! A volume on the GPU, four 16-bit integers a voxel: one 3D texture, or some of its bricks where it is too large for
+//! that.
 
 use std::sync::Arc;
 
@@ -31,8 +32,8 @@ pub enum VolumeTextures {
 }
 
 impl VolumeTextures {
-    /// Uploads a volume that takes `budget` bytes at most, or, where it takes more or the device has less, makes room for bricks of
-    /// it.
+    /// Uploads a volume that takes `budget` bytes at most, or, where it takes more or the device has less, makes room
+    /// for bricks of it.
     ///
     /// # Errors
     /// [`Error::VolumeTooLarge`] when not even a small part of it fits.

@@ -18,7 +18,8 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// The surfaces of a state's scene in a volume: isosurfaces are of its values, or of its intensities where those are stored.
+    /// The surfaces of a state's scene in a volume: isosurfaces are of its values, or of its intensities where those
+    /// are stored.
     ///
     /// # Errors
     /// As [`Self::new`].

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_with_budget, gpu_or_skip, lit_share};
+use voxrole_viewer::drawing::Drawing;
 use voxrole_viewer::state::{Camera, CameraPreset, Scene, Technique};
 use voxrole_viewer::{Error, Renderer, Target};
 
@@ -101,6 +102,23 @@ fn slices_need_the_whole_volume() {
     let mut renderer = Renderer::new(&gpu, &Arc::new(phantom.texels()), Some(9 * BRICK)).expect("has room for bricks");
     let error = renderer.draw(&state, &target).expect_err("is refused").to_string();
     assert!(error.contains("draw it with rays"), "{error}");
+}
+
+#[test]
+fn a_lost_device_is_opened_again() {
+    let phantom = shells();
+    let volume = Arc::new(phantom.texels());
+    let mut state = phantom.state(Camera::default());
+    state.render_settings.image_size = [64, 64];
+    for (budget, technique) in [(None, Technique::Rays), (Some(9 * BRICK), Technique::Rays), (None, Technique::Slices)]
+    {
+        let Some(gpu) = gpu_or_skip("a_lost_device_is_opened_again") else { return };
+        state.render_settings.technique = technique;
+        let mut drawing = Drawing::on_gpu(gpu.clone(), &volume, &state, budget).expect("fits");
+        let before = drawing.draw(&state.camera).expect("is drawn").picture;
+        gpu.device.destroy();
+        assert!(drawing.draw(&state.camera).expect("is drawn again").picture == before);
+    }
 }
 
 #[test]

@@ -122,7 +122,8 @@ fn stored_fog_is_as_opaque_as_it_says() {
     state.transfer_function.classification = Classification::Stored;
     state.render_settings.image_size = [64, 64];
     let (light, _) = RayMarcher::new(&volume, &state, [64, 64]).expect("a size").light();
-    // 12 voxels beside the middle, where 109 voxels of the sphere around the volume span the picture: outside of the ball.
+    // 12 voxels beside the middle, where 109 voxels of the sphere around the volume span the picture: outside of the
+    // ball.
     let beside = light.pixels[32 * 64 + 32 + 14].light;
     let through = (1.0 - 300.0 / 65535.0_f32).powf(63.0);
     assert!((beside.w - (1.0 - through)).abs() < 0.01, "{beside}");

@@ -32,7 +32,8 @@ struct Progress {
     wanted: u32,
 }
 
-// Light along a ray that goes on from where it was, with the first sample so far into the first step; the ray ends at what is opaque.
+// Light along a ray that goes on from where it was, with the first sample so far into the first step; the ray ends at
+// what is opaque.
 fn march(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
     let inverse = inverse_direction(ray);
     let interval = drawn_interval(ray, inverse);

@@ -1,4 +1,5 @@
-// Triangles into colour and place along the pixel's ray: the twin of scene/rasterizer.rs. A module of its own, after view and shading.
+// Triangles into colour and place along the pixel's ray: the twin of scene/rasterizer.rs. A module of its own, after
+// view and shading.
 
 // What is closer to the eye is not drawn.
 const NEAREST: f32 = 0.01;

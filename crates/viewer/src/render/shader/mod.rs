@@ -1,8 +1,8 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
-/// The whole module: vertex entry points `vertex_main` and, for slices, `slice_vertex`; fragment entry points `fragment_main` for rays
-/// through a volume that is there as a whole, `fragment_resume` and `fragment_finish` for one that comes brick by brick,
-/// `slice_fragment` for slices and `slices_over_background` for what they come to.
+/// The whole module: vertex entry points `vertex_main` and, for slices, `slice_vertex`; fragment entry points
+/// `fragment_main` for rays through a volume that is there as a whole, `fragment_resume` and `fragment_finish` for one
+/// that comes brick by brick, `slice_fragment` for slices and `slices_over_background` for what they come to.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
     include_str!("classification.wgsl"),
