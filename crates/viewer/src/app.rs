@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use egui::ViewportBuilder;
 
@@ -12,6 +12,7 @@ use voxrole_preprocess::io::ReadOptions;
 use crate::headless::read_session;
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
+use crate::state::{Classification, ViewState};
 use crate::ui::finer_levels::FinerLevels;
 use crate::ui::opened_volume::OpenedVolume;
 use crate::ui::{ViewerWindow, theme, window_ui};
@@ -30,6 +31,8 @@ const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 /// message then says to use `render` instead.
 pub fn run(path: &Path, session: Option<&Path>, budget: Option<u64>, options: &ReadOptions) -> anyhow::Result<()> {
     let session = session.map(read_session).transpose()?;
+    let is_stored = |session: &ViewState| session.transfer_function.classification == Classification::Stored;
+    ensure!(!session.as_ref().is_some_and(is_stored), "stored opacities are drawn by `voxrole-view render` alone");
     let named = || path.display().to_string();
     let opened = open_or_prepare(path, options)?;
     let reader = &opened.reader;

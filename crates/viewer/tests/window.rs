@@ -15,7 +15,7 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::gpu_or_skip;
-use voxrole_viewer::state::{Camera, EmphasisKind, Integration, Shape, Technique};
+use voxrole_viewer::state::{Camera, Classification, EmphasisKind, Integration, Shape, Technique};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::ui::refinement::Detail;
@@ -240,6 +240,27 @@ fn the_region_list_adds_removes_and_proposes() {
     harness.get_by_label("Proposed regions").click();
     settle(&mut harness);
     assert_eq!(harness.state().view.transfer_function.regions, proposed);
+}
+
+#[test]
+fn a_curve_is_made_point_by_point_and_decides_everywhere() {
+    let Some(mut harness) = open() else { return };
+    for _ in 0..3 {
+        harness.get_by_label("Add point").click();
+        settle(&mut harness);
+    }
+    harness.get_by_label("Remove point 2").click();
+    settle(&mut harness);
+    let points = harness.state().view.transfer_function.curve.points().to_vec();
+    assert!(points.len() == 2 && points[0].value < points[1].value, "{points:?}");
+    let pictures = harness.state().preview.pictures();
+    harness.get_by_label("everywhere").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.classification, Classification::Value);
+    assert!(harness.state().preview.pictures() > pictures);
+    harness.get_by_label("at boundaries").click();
+    settle(&mut harness);
+    assert_eq!(harness.state().view.transfer_function.classification, Classification::Roles);
 }
 
 #[test]

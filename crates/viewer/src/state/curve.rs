@@ -25,6 +25,16 @@ pub struct ControlPoint {
 pub struct Curve(Vec<ControlPoint>);
 
 impl Curve {
+    /// Of points in any order; of several at one value the first counts, and opacities are brought between 0 and 1.
+    #[must_use]
+    pub fn from_points(mut points: Vec<ControlPoint>) -> Self {
+        points.retain(|point| point.value.is_finite());
+        points.sort_by(|a, b| a.value.total_cmp(&b.value));
+        points.dedup_by(|b, a| a.value == b.value);
+        points.iter_mut().for_each(|point| point.opacity = point.opacity.clamp(0.0, 1.0));
+        Self(points)
+    }
+
     /// The control points.
     #[must_use]
     pub fn points(&self) -> &[ControlPoint] {
@@ -127,5 +137,13 @@ mod tests {
         {
             assert!(text.parse::<Curve>().is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn points_are_put_in_order() {
+        let point = |value, opacity| ControlPoint { value, color: [0.0; 3], opacity };
+        let curve = Curve::from_points(vec![point(3.0, 2.0), point(f32::NAN, 0.5), point(1.0, 0.25), point(3.0, 0.5)]);
+        assert_eq!(curve.points(), [point(1.0, 0.25), point(3.0, 1.0)]);
+        assert_eq!(curve.to_string().parse(), Ok(curve));
     }
 }

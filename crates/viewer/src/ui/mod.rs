@@ -4,6 +4,7 @@ pub mod axis;
 pub mod boundary;
 pub mod camera;
 pub mod clipping;
+pub mod curve;
 pub mod distance_histogram;
 pub mod finer_levels;
 mod form;
@@ -156,6 +157,9 @@ fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {
         let emphasis = selected_emphasis(ui, regions, histogram.selected, emphasis);
         distance_histogram::distance_histogram_ui(ui, &volume.distance, smallest_spacing, emphasis);
         boundary::boundary_ui(ui, emphasis, volume.description.d_max_in_spacings());
+    });
+    section(ui, "Opacity by value alone", |ui| {
+        curve::curve_ui(ui, &mut view.transfer_function, volume.description.value_range);
     });
 }
 
