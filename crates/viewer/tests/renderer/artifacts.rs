@@ -122,3 +122,56 @@ fn a_gradient_between_those_of_two_slabs_lights_nothing() {
         assert!(draw([0.7 * low, 1.1 * low]) > 0.05 && draw([0.85 * high, 1.1 * high]) > 0.05, "{technique:?}");
     }
 }
+
+#[test]
+fn layers_of_slabs_and_of_a_junction_are_lit_at_boundaries_alone() {
+    const D_C: f32 = 2.0;
+    let settings = PhantomSettings { dims: [EDGE; 3], ..PhantomSettings::default() };
+    let convex = BoundaryEmphasis { kind: EmphasisKind::Convex, a: 1.0, d_c: D_C, n: 3.0 };
+    for phantom in [Volume::Slabs, Volume::Junction] {
+        let (volume, _) = read(phantom);
+        let truth = phantom.truth(&settings).expect("exact distances");
+        let side = EDGE as usize;
+        let distance = |[x, y, z]: [usize; 3]| truth[(z * side + y) * side + x].abs();
+        for technique in Technique::ALL {
+            let mut seen = [0; 3];
+            for z in [11, 23, 35] {
+                let mut state = state_of_region([0.01, 10.0], convex, orthographic(CameraPreset::Top));
+                state.render_settings.technique = technique;
+                state.clipping.crop = format!(":,:,{z}:{}", z + 1).parse().expect("a crop");
+                state.render_settings.image_size = [96, 96];
+                let marcher = RayMarcher::new(&volume, &state, [96, 96]).expect("a size");
+                let light = marcher.light().0;
+                for (pixel, light) in light.pixels.iter().enumerate() {
+                    let ray = marcher.frame().ray(pixel as u32 % 96, pixel as u32 / 96);
+                    let place =
+                        (ray.origin + (z as f32 + 0.5 - ray.origin.z) / ray.direction.z * ray.direction).floor();
+                    if place.x < 0.0 || place.y < 0.0 || place.x.max(place.y) >= (EDGE - 1) as f32 {
+                        continue;
+                    }
+                    let [x, y] = [place.x as usize, place.y as usize];
+                    let corners =
+                        (0..8).map(|corner| distance([x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)]));
+                    let [least, most] = corners.fold([f32::INFINITY, 0.0], |[least, most], distance| {
+                        [f32::min(least, distance), f32::max(most, distance)]
+                    });
+                    // A voxel's plane stands for its cell, and where three materials meet edges are round.
+                    if least > D_C + 1.5 {
+                        seen[0] += 1;
+                        assert_eq!(
+                            light.light.w, 0.0,
+                            "{phantom:?} {technique:?}: {x} {y} {z}, {least} from a boundary"
+                        );
+                    } else if most < 0.9 {
+                        seen[1] += 1;
+                        seen[2] += usize::from(light.light.w <= 0.2);
+                    }
+                }
+            }
+            println!("{phantom:?} {technique:?}: {seen:?} pixels far, near, and near but dark");
+            // Where three materials meet there is no one boundary.
+            let dark = if matches!(phantom, Volume::Junction) { seen[1] / 20 } else { 0 };
+            assert!(seen[0] > 1000 && seen[1] > 40 && seen[2] <= dark, "{phantom:?} {technique:?}: {seen:?}");
+        }
+    }
+}
