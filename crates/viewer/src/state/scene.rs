@@ -1,6 +1,7 @@
 //! What is drawn beside the volume: lines that show where it lies and how large it is, and opaque surfaces.
 
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -74,9 +75,15 @@ impl FromStr for MeshFile {
 
     /// `FILE[,RRGGBB]`.
     fn from_str(text: &str) -> Result<Self, ParseError> {
-        // A name may hold commas: only what looks like a colour is one.
+        // A name may hold commas: only what looks like a colour is one, or stands behind a name that is complete.
+        let is_complete = |path: &str| {
+            let extension = Path::new(path).extension();
+            extension.is_some_and(|found| ["stl", "obj"].iter().any(|known| found.eq_ignore_ascii_case(known)))
+        };
         let (path, color) = match text.rsplit_once(',') {
-            Some((path, color)) if parse_color(color).is_ok() => (path, parse_color(color)?),
+            Some((path, color)) if parse_color(color).is_ok() || (is_complete(path) && !is_complete(text)) => {
+                (path, parse_color(color)?)
+            }
             _ => (text, Self::DEFAULT_COLOR),
         };
         if path.is_empty() {
@@ -145,7 +152,7 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused() {
-        assert!(["", ",FF0000"].iter().all(|text| text.parse::<MeshFile>().is_err()));
+        assert!(["", ",FF0000", "bone.stl,GG0000", "bone.stl,"].iter().all(|text| text.parse::<MeshFile>().is_err()));
         assert!(["", "x", "1,red", "nan", "1,FF0000,2"].iter().all(|text| text.parse::<Isosurface>().is_err()));
         let isosurfaces = vec!["7".parse().expect("an isosurface"); Scene::MOST_SURFACES + 1];
         assert!(Scene { isosurfaces, ..Scene::default() }.check().is_err());
