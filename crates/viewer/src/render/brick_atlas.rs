@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use wgpu::{Extent3d, Origin3d, Texture, TextureView, TextureViewDescriptor};
 
 use super::gpu::Gpu;
@@ -12,7 +13,6 @@ use crate::classify::Occupancy;
 use crate::classify::macrocells::MACROCELL;
 use crate::frame::Frame;
 use crate::volume::VolumeTexels;
-use glam::Vec3;
 
 /// Cells along a side of a brick.
 pub const BRICK: u32 = 32;

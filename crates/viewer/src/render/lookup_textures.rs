@@ -33,8 +33,9 @@ pub struct LookupTextures {
     table: Option<(TransferFunction, OpacityTable)>,
     /// What the emphasis table holds.
     numbers: Vec<f32>,
-    /// What the occupancy is that of, beside the table: how far boundaries reach, and whether rays leap at all.
-    drawn: Option<(f32, bool, Classification)>,
+    /// What the occupancy is that of, beside the table: how far boundaries and steps reach, whether rays leap at
+    /// all, and what decides.
+    drawn: Option<([f32; 2], bool, Classification)>,
     /// Where something can be drawn; `None` where rays do not leap.
     leaping: Option<Occupancy>,
 }
@@ -115,7 +116,7 @@ impl LookupTextures {
             )),
             Classification::Roles | Classification::Stored => None,
         };
-        let drawn = Some((frame.reach, state.render_settings.leaps, frame.classification));
+        let drawn = Some(([frame.reach, frame.half_step], state.render_settings.leaps, frame.classification));
         let is_drawn_elsewhere = is_new || self.drawn != drawn;
         if is_drawn_elsewhere {
             self.leaping = state.render_settings.leaps.then(|| match (frame.classification, values) {
@@ -206,7 +207,7 @@ fn preintegration_texture(gpu: &Gpu, rows: u32) -> Texture {
 }
 
 /// Writes a whole texture.
-pub(super) fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
+fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
     let size = texture.size();
     let rows = size.height * size.depth_or_array_layers;
     let layout = TexelCopyBufferLayout {

@@ -9,7 +9,7 @@ use voxrole_tests::comparison::{
 };
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::state::{Camera, CameraPreset, Classification, Integration, Technique};
-use voxrole_viewer::{ViewState, VolumeTexels};
+use voxrole_viewer::{Renderer, Target, ViewState, VolumeTexels};
 
 use crate::phantom::{Phantom, orthographic};
 
@@ -100,6 +100,24 @@ fn leaping_changes_nothing_by_value() {
             assert!(leapt.0.pixels.iter().zip(&all.0.pixels).all(|(a, b)| a.light == b.light), "{step}");
             assert!(leapt.1.taken <= all.1.taken);
         }
+    }
+}
+
+#[test]
+fn a_renderer_leaps_by_the_steps_that_it_draws() {
+    let Some(gpu) = gpu_or_skip("a_renderer_leaps_by_the_steps_that_it_draws") else { return };
+    let phantom = Phantom::concentric_shells();
+    let volume = Arc::new(phantom.texels());
+    let mut state = by_value(&phantom, Camera::default());
+    state.render_settings.step = 12.0;
+    let target = Target::new(&gpu, state.render_settings.image_size).expect("a target");
+    let mut renderer = Renderer::new(&gpu, &volume, None).expect("a renderer");
+    // Steps that are integrated reach into macrocells that those that are not leave alone.
+    for integration in [Integration::PostClassified, Integration::Preintegrated] {
+        state.render_settings.integration = integration;
+        renderer.draw(&state, &target).expect("is drawn");
+        let fresh = draw_on_gpu(&gpu, &volume, &state);
+        assert!(target.read_back(&gpu).expect("a picture") == fresh, "{integration:?}");
     }
 }
 
