@@ -65,7 +65,7 @@ fn paint(ui: &mut Ui, curve: &Curve, [low, high]: [f32; 2]) {
     let columns = rect.width().max(1.0) as usize;
     for column in 0..columns {
         let share = (column as f32 + 0.5) / columns as f32;
-        if let Some((color, opacity)) = curve.at(low + share * (high - low)) {
+        if let Some((color, opacity)) = curve.at(low + share * (high - low)).filter(|(_, opacity)| *opacity > 0.0) {
             let x = rect.left() + column as f32 + 0.5;
             let top = pos2(x, rect.bottom() - opacity * rect.height());
             painter.line_segment([pos2(x, rect.bottom()), top], (1.0, theme::color32(color)));
