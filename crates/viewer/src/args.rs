@@ -88,8 +88,8 @@ pub struct RenderArgs {
     /// the nearest axis of the grid [default: rays].
     #[arg(long, value_enum, hide_possible_values = true, value_name = "rays|slices|stacks")]
     pub technique: Option<Technique>,
-    /// Distance between samples along a ray, or between slices, in multiples of the smallest voxel spacing [default:
-    /// 0.25].
+    /// Distance between samples along a ray, or between slices, in multiples of the smallest voxel spacing; rays along
+    /// which opacity is integrated are cut where cells end, and between into pieces of half of it at most [default: 0.5].
     #[arg(long, value_name = "F", value_parser = parse_step)]
     pub step: Option<f32>,
     /// What a sample says of the step that it stands for: its middle (post) or all of it (pre); with `--classify value`
@@ -103,8 +103,9 @@ pub struct RenderArgs {
     /// Draw on the CPU even where there is a GPU.
     #[arg(long)]
     pub cpu: bool,
-    /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings.
-    /// Slices lie as they do.
+    /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings. Only
+    /// with `--integration post` or `--classify value|stored`: rays that are integrated by role miss nothing, and slices
+    /// lie as they do.
     #[arg(long)]
     pub jitter: bool,
     /// Take every sample: leap over nothing, end no ray early. The picture is the same.

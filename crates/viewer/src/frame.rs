@@ -7,6 +7,7 @@ use glam::{Mat3, Vec2, Vec3, Vec4};
 use voxrole_pack::DistanceQuantization;
 
 use crate::classify::EmphasisTable;
+use crate::classify::preintegration::SHORTEST;
 use crate::slicing::Slicing;
 use crate::state::{
     Camera, CameraPreset, Classification, ClipPlane, Clipping, Integration, Projection, Shading, ViewAxes, ViewState,
@@ -36,8 +37,10 @@ pub struct Frame {
     pub slicing: Option<Slicing>,
     /// Distance between samples along a ray.
     pub step: f32,
-    /// Half of it where opacity is integrated along it, for slices as much as that may be; 0 where its middle counts
-    /// for all of it.
+    /// As [`RenderSettings::goes_by_cells`](crate::state::RenderSettings::goes_by_cells).
+    pub goes_by_cells: bool,
+    /// Half of what opacity is integrated along: of a step; for slices, of as much as that may be; for rays by role, of
+    /// the longest piece that what lies in a cell is cut into. 0 where a step's middle counts for all of it.
     pub half_step: f32,
     /// What decides on colour and opacity.
     pub classification: Classification,
@@ -123,11 +126,17 @@ impl Frame {
         };
         let steps = f32::from(DistanceQuantization::MOST_STEPS);
         let shortest = (box_high - box_low).length() / MOST_STEPS;
-        let step = within(settings.step, Self::STEP_RANGE, 0.25).max(shortest);
+        let step = within(settings.step, Self::STEP_RANGE, 0.5).max(shortest);
         let texel_spacing = Vec3::from_array(volume.texel_spacing());
         let rays = pixel_rays(&state.camera, &view, box_low, box_high, image_size);
         let slicing = Slicing::new(settings.technique, &rays, [box_low, box_high], texel_spacing, step);
-        let half_step = slicing.map_or(0.5 * step, |slicing| slicing.longest_half_step);
+        let classification = state.transfer_function.classification;
+        let goes_by_cells = settings.goes_by_cells(classification);
+        let half_step = match &slicing {
+            Some(slicing) => slicing.longest_half_step,
+            None if goes_by_cells => half_piece(step, texel_spacing),
+            None => 0.5 * step,
+        };
         let planes = planes(&state.clipping, volume, [box_low, box_high]);
         let mut all_planes = [Vec4::ZERO; MOST_PLANES];
         all_planes[..planes.len()].copy_from_slice(&planes);
@@ -142,8 +151,9 @@ impl Frame {
             rays,
             slicing,
             step,
+            goes_by_cells,
             half_step: if settings.integration == Integration::PostClassified { 0.0 } else { half_step },
-            classification: state.transfer_function.classification,
+            classification,
             is_ordered: settings.integration == Integration::FrontToBack,
             jitter: settings.jitter,
             termination_opacity: within(settings.termination_opacity, [0.0, 1.0], 1.0),
@@ -218,6 +228,11 @@ impl Frame {
         }
         interval
     }
+}
+
+/// Half of the longest piece that a ray is cut into within a cell: two of them in a step, or one across a cell.
+fn half_piece(step: f32, spacing: Vec3) -> f32 {
+    (0.25 * step).min(0.5 * spacing.length()).max(0.5 * SHORTEST)
 }
 
 /// From the first voxel's middle to the last's; an axis with one voxel is a slab as thick as its spacing.

@@ -8,6 +8,7 @@
 pub mod app;
 pub mod args;
 pub mod bench;
+pub mod cells;
 pub mod classify;
 pub mod demo;
 pub mod drawing;

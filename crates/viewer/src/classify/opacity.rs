@@ -117,12 +117,11 @@ pub struct LitRows {
 }
 
 impl LitRows {
-    /// Whether any bin of value from a first to a last one has an opacity in a row.
+    /// The first and the last bin of value with an opacity in a row.
     #[must_use]
     #[inline(always)]
-    pub fn is_lit(&self, [low, high]: [usize; 2], row: usize) -> bool {
-        let [first, last] = self.rows[row].map(usize::from);
-        low <= last && high >= first
+    pub fn ends(&self, row: usize) -> [u16; 2] {
+        self.rows[row]
     }
 }
 

@@ -3,33 +3,41 @@
 //! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
 //! `shading.wgsl`, and the loop below is `compositing.wgsl`. Pictures of the two differ by rounding alone.
 
+pub mod cell;
+mod lanes;
 pub mod roles;
 pub mod sampling;
 pub mod shading;
 pub mod value;
 
+use fearless_simd::{Simd, dispatch};
 use glam::{Vec3, Vec4};
-use multiversion::multiversion;
 use rayon::prelude::*;
+use voxrole_preprocess::simd;
 
+use crate::cells::CellRay;
 use crate::classify::macrocells::LeapingRay;
 use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, ValueTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::scene::lines::lines;
 use crate::scene::rasterizer::rasterize;
 use crate::scene::{OpaquePixel, Surfaces};
-use crate::slicing::Samples;
+use crate::slicing::{Sample, Samples};
 use crate::state::{Camera, Classification, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
+use cell::Cell;
 use roles::Roles;
-use sampling::{Cell, RoleSample, Sampler};
-use shading::shade;
+use sampling::{RoleSample, Sampler};
+use shading::Lighting;
 use value::ByValue;
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
+
+/// Pixels along a side of a tile.
+const TILE: usize = 16;
 
 /// What lies this close behind a plane that cuts, in multiples of `L_min`, is lit as the plane is.
 pub(crate) const FACE_DEPTH: f32 = 0.5;
@@ -125,7 +133,7 @@ impl<'a> RayMarcher<'a> {
         &self.volume.description
     }
 
-    /// Draws the picture, rows in parallel.
+    /// Draws the picture, bands of rows in parallel.
     #[must_use]
     pub fn draw(&self) -> Picture {
         self.draw_and_count().0
@@ -144,11 +152,11 @@ impl<'a> RayMarcher<'a> {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
         let opaque = self.opaque();
-        let rows = pixels.par_chunks_exact_mut(width as usize).enumerate().map(|(y, row)| {
-            let opaque = opaque.get(y * width as usize..).unwrap_or_default();
-            march_row(self, y as u32, row, opaque)
+        let bands = pixels.par_chunks_mut(TILE * width as usize).enumerate().map(|(band, pixels)| {
+            let opaque = opaque.get(band * TILE * width as usize..).unwrap_or_default();
+            dispatch!(simd::level(), simd => march_band(simd, self, (band * TILE) as u32, pixels, opaque))
         });
-        let counts = rows.reduce(SampleCounts::default, SampleCounts::plus);
+        let counts = bands.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
     }
 
@@ -173,28 +181,39 @@ impl<'a> RayMarcher<'a> {
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
         let sampler = self.sampler();
         let place = sampler.place(index * self.frame.spacing);
-        sampler.sample(place, Vec3::ZERO, 0.0, &mut Cell::default())
+        dispatch!(simd::level(), simd => {
+            let (mut cell, (base, fraction)) = (Cell::none(simd), place);
+            let is_active = cell.enter(simd, &sampler, base, Vec3::ZERO);
+            if is_active { cell.sample(simd, &sampler, fraction, 0.0) } else { RoleSample::default() }
+        })
     }
 
     fn sampler(&self) -> Sampler<'_> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
 
-    /// Light along a ray, front to back, with the first sample so far into the first step; the ray ends at what is
-    /// opaque.
+    /// Light along a ray, front to back, with samples at equal distances, the first one so far into the first step; the ray
+    /// ends at what is opaque.
     #[inline(always)]
-    fn march(&self, ray: &Ray, first: f32, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
+    fn march_steps<S: Simd>(
+        &self,
+        simd: S,
+        ray: &Ray,
+        first: f32,
+        opaque: &OpaquePixel,
+        counts: &mut SampleCounts,
+    ) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
-        let mut cell = Cell::default();
+        let mut cell = Cell::none(simd);
         let leaping = LeapingRay::new(frame, ray);
         let interval @ Interval { cut, .. } = frame.interval(ray);
         let samples = Samples::new(frame, ray, &interval, first, opaque.along);
         counts.all += samples.count();
-        let (mut sum, mut depth) = (Vec4::ZERO, f32::NAN);
+        let mut light = RayLight::new(self, ray, cut);
         let mut count = 0.0;
         while let Some(sample) = samples.at(count) {
-            if sum.w > frame.termination_opacity {
+            if light.is_opaque() {
                 break;
             }
             let position = ray.origin + sample.along * ray.direction;
@@ -207,32 +226,109 @@ impl<'a> RayMarcher<'a> {
             }
             counts.taken += 1;
             let role = match &self.by_value {
-                None => sampler.sample(place, ray.direction, sample.half_step, &mut cell),
                 Some(by_value) => sampler.sample_value(by_value, position, ray.direction, sample.half_step),
+                None if !cell.enter(simd, &sampler, place.0, ray.direction) => RoleSample::default(),
+                None => cell.sample(simd, &sampler, place.1, sample.half_step),
             };
             if role.opacity > 0.0 {
-                let opacity = correct_opacity(role.opacity, sample.step);
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
-                let lit_by = |normal| shade(role.color, normal, -ray.direction, frame.light, &frame.shading);
                 let face = if cut == Vec3::ZERO { 0.0 } else { samples.share_of_face(count, &sample) };
-                let color = match face {
-                    0.0 => lit_by(role.normal),
-                    1.0 => lit_by(cut),
-                    _ => lit_by(role.normal).lerp(lit_by(cut), face),
-                };
-                sum += (1.0 - sum.w) * opacity * color.extend(1.0);
-                if depth.is_nan() && sum.w >= 0.5 {
-                    depth = sample.along;
-                }
+                light.add(&role, &sample, face);
             }
             // Not a running sum, whose rounding errors would add up.
             count += 1.0;
         }
-        if opaque.is_some() {
-            sum += (1.0 - sum.w) * opaque.color.extend(1.0);
-            depth = if depth.is_nan() { opaque.along } else { depth };
+        light.before(opaque)
+    }
+
+    /// Light along a ray, front to back, from cell to cell: what lies in each is cut into equal pieces, so that the voxels
+    /// that decide are the same along all of a piece, and nothing of the ray is left out.
+    #[inline(always)]
+    fn march_cells<S: Simd>(&self, simd: S, ray: &Ray, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
+        let frame = &self.frame;
+        let sampler = self.sampler();
+        let mut cell = Cell::none(simd);
+        let Interval { entry, exit, cut } = frame.interval(ray);
+        let exit = exit.min(opaque.along);
+        let cells = CellRay::new(frame, ray);
+        counts.all += cells.count([entry, exit]);
+        let mut light = RayLight::new(self, ray, cut);
+        let (mut along, mut place) = (entry, cells.cell(entry));
+        while along < exit && !light.is_opaque() {
+            let base = place.as_uvec3();
+            let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(base));
+            if empty > 0 {
+                along = cells.leaves(place, empty);
+                place = cells.cell(along);
+                continue;
+            }
+            counts.taken += 1;
+            let exits = cells.exits(place);
+            let end = exits.min_element().min(exit);
+            if cell.enter(simd, &sampler, base, ray.direction) {
+                let count = ((end - along) / (2.0 * frame.half_step)).ceil();
+                let step = (end - along) / count;
+                let mut piece = 0.0;
+                while piece < count && !light.is_opaque() {
+                    let sample = Sample { along: along + (piece + 0.5) * step, step, half_step: 0.5 * step };
+                    let role = cell.sample(simd, &sampler, cells.fraction(place, sample.along), sample.half_step);
+                    if role.opacity > 0.0 {
+                        let face = (entry + FACE_DEPTH - sample.along) / step + 0.5;
+                        light.add(&role, &sample, if cut == Vec3::ZERO { 0.0 } else { face.clamp(0.0, 1.0) });
+                    }
+                    piece += 1.0;
+                }
+            }
+            (along, place) = (end, cells.next(place, exits));
         }
-        PixelLight { light: sum, depth }
+        light.before(opaque)
+    }
+}
+
+/// What a ray has gathered.
+struct RayLight<'a> {
+    frame: &'a Frame,
+    lighting: Lighting,
+    /// Normal of the plane that the ray entered through, 0 where that does not cut.
+    cut: Vec3,
+    sum: Vec4,
+    depth: f32,
+}
+
+impl<'a> RayLight<'a> {
+    #[inline(always)]
+    fn new(marcher: &'a RayMarcher<'_>, ray: &Ray, cut: Vec3) -> Self {
+        let frame = &marcher.frame;
+        let lighting = Lighting::new(-ray.direction, frame.light, &frame.shading);
+        Self { frame, lighting, cut, sum: Vec4::ZERO, depth: f32::NAN }
+    }
+
+    /// Whether nothing behind would be seen.
+    #[inline(always)]
+    fn is_opaque(&self) -> bool {
+        self.sum.w > self.frame.termination_opacity
+    }
+
+    /// Adds a sample, of which a share lies on the face of a cut.
+    #[inline(always)]
+    fn add(&mut self, role: &RoleSample, sample: &Sample, face: f32) {
+        let opacity = correct_opacity(role.opacity, sample.step);
+        let color = self.lighting.shade(role.color, role.normal);
+        let color = if face > 0.0 { color.lerp(self.lighting.shade(role.color, self.cut), face) } else { color };
+        self.sum += (1.0 - self.sum.w) * opacity * color.extend(1.0);
+        if self.depth.is_nan() && self.sum.w >= 0.5 {
+            self.depth = sample.along;
+        }
+    }
+
+    /// All of it, with what is opaque behind.
+    #[inline(always)]
+    fn before(mut self, opaque: &OpaquePixel) -> PixelLight {
+        if opaque.is_some() {
+            self.sum += (1.0 - self.sum.w) * opaque.color.extend(1.0);
+            self.depth = if self.depth.is_nan() { opaque.along } else { self.depth };
+        }
+        PixelLight { light: self.sum, depth: self.depth }
     }
 }
 
@@ -255,14 +351,32 @@ fn occupancy(
     })
 }
 
-/// A row of pixels, with the processor's own instructions; the bits are the same with any.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2"))]
-fn march_row(marcher: &RayMarcher<'_>, y: u32, row: &mut [PixelLight], opaque: &[OpaquePixel]) -> SampleCounts {
+/// Rows of pixels, tile by tile: rays beside each other read the same voxels.
+#[inline(always)]
+fn march_band<S: Simd>(
+    simd: S,
+    marcher: &RayMarcher<'_>,
+    first_row: u32,
+    pixels: &mut [PixelLight],
+    opaque: &[OpaquePixel],
+) -> SampleCounts {
+    let frame = &marcher.frame;
+    let width = frame.image_size[0] as usize;
     let mut counts = SampleCounts::default();
-    for (x, pixel) in row.iter_mut().enumerate() {
-        let (ray, first) = (marcher.frame.ray(x as u32, y), marcher.frame.first_sample(x as u32, y));
-        let opaque = opaque.get(x).unwrap_or(&OpaquePixel::NONE);
-        *pixel = marcher.march(&ray, first, opaque, &mut counts);
+    for first in (0..width).step_by(TILE) {
+        for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
+            let y = first_row + row as u32;
+            for x in first..(first + TILE).min(width) {
+                let ray = frame.ray(x as u32, y);
+                let opaque = opaque.get(row * width + x).unwrap_or(&OpaquePixel::NONE);
+                pixels[x] = if frame.goes_by_cells {
+                    marcher.march_cells(simd, &ray, opaque, &mut counts)
+                } else {
+                    let first = frame.first_sample(x as u32, y);
+                    marcher.march_steps(simd, &ray, first, opaque, &mut counts)
+                };
+            }
+        }
     }
     counts
 }

@@ -4,24 +4,43 @@ use glam::Vec3;
 
 use crate::state::Shading;
 
-/// The colour that a surface sends to the viewer, each channel at most 1.
-///
-/// `normal`, `to_viewer` and `to_light` are unit vectors; a normal of 0 means that there is none, and the colour is
-/// returned as it is. The sign of the normal does not matter: a boundary is seen from either side.
-#[must_use]
-pub fn shade(color: Vec3, normal: Vec3, to_viewer: Vec3, to_light: Vec3, shading: &Shading) -> Vec3 {
-    if normal == Vec3::ZERO {
-        return color;
+/// Light that comes from one side, and a viewer on another.
+#[derive(Clone, Copy, Debug)]
+pub struct Lighting {
+    to_light: Vec3,
+    /// Unit vector halfway to the viewer, or 0 where the light is exactly opposite.
+    halfway: Vec3,
+    shading: Shading,
+}
+
+impl Lighting {
+    /// Both directions are unit vectors.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(to_viewer: Vec3, to_light: Vec3, shading: &Shading) -> Self {
+        let half = to_light + to_viewer;
+        let length = half.dot(half).sqrt();
+        let halfway = if length > 1e-6 { half / length } else { Vec3::ZERO };
+        Self { to_light, halfway, shading: *shading }
     }
-    let diffuse = normal.dot(to_light).abs();
-    let half = to_light + to_viewer;
-    let length = half.dot(half).sqrt();
-    // A light exactly opposite leaves no direction to be halved.
-    let aligned = if length > 1e-6 { normal.dot(half / length) } else { 0.0 };
-    let squared = aligned * aligned;
-    let fourth = squared * squared;
-    let lit = (shading.ambient + shading.diffuse * diffuse) * color + shading.specular * (fourth * fourth);
-    lit.clamp(Vec3::ZERO, Vec3::ONE)
+
+    /// The colour that a surface sends to the viewer, each channel at most 1.
+    ///
+    /// `normal` is a unit vector; 0 means that there is none, and the colour is returned as it is. Its sign does not
+    /// matter: a boundary is seen from either side.
+    #[must_use]
+    #[inline(always)]
+    pub fn shade(&self, color: Vec3, normal: Vec3) -> Vec3 {
+        if normal == Vec3::ZERO {
+            return color;
+        }
+        let Shading { ambient, diffuse, specular } = self.shading;
+        let aligned = normal.dot(self.halfway);
+        let squared = aligned * aligned;
+        let fourth = squared * squared;
+        let lit = (ambient + diffuse * normal.dot(self.to_light).abs()) * color + specular * (fourth * fourth);
+        lit.clamp(Vec3::ZERO, Vec3::ONE)
+    }
 }
 
 #[cfg(test)]
@@ -34,14 +53,14 @@ mod tests {
     fn both_sides_are_lit_alike() {
         let (to_viewer, to_light) = (Vec3::new(0.6, 0.8, 0.0), Vec3::Z);
         for normal in [Vec3::X, Vec3::new(0.0, 0.6, 0.8), Vec3::new(-0.36, 0.48, -0.8)] {
-            let shaded = |normal| shade(Vec3::ONE, normal, to_viewer, to_light, &SHADING);
-            assert_eq!(shaded(normal), shaded(-normal));
+            let lighting = Lighting::new(to_viewer, to_light, &SHADING);
+            assert_eq!(lighting.shade(Vec3::ONE, normal), lighting.shade(Vec3::ONE, -normal));
         }
     }
 
     #[test]
     fn a_surface_that_faces_light_and_viewer_shows_all_three_terms() {
-        let lit = shade(Vec3::new(1.0, 0.5, 0.0), Vec3::Z, Vec3::Z, Vec3::Z, &SHADING);
+        let lit = Lighting::new(Vec3::Z, Vec3::Z, &SHADING).shade(Vec3::new(1.0, 0.5, 0.0), Vec3::Z);
         assert!((lit - Vec3::new(0.9, 0.6, 0.3)).length() < 1e-6, "{lit}");
     }
 
@@ -51,13 +70,13 @@ mod tests {
         let to_viewer = Vec3::new(0.0, -0.6, 0.8);
         // H is z; a normal 30 degrees off has N·H = √3/2.
         let normal = Vec3::new(0.5, 0.0, 0.75_f32.sqrt());
-        let lit = shade(Vec3::ZERO, normal, to_viewer, to_light, &SHADING);
+        let lit = Lighting::new(to_viewer, to_light, &SHADING).shade(Vec3::ZERO, normal);
         assert!((lit.x - 0.3 * 0.75_f32.powi(4)).abs() < 1e-6, "{lit}");
     }
 
     #[test]
     fn a_normal_across_the_light_leaves_the_ambient_term() {
-        let lit = shade(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::Z, &SHADING);
+        let lit = Lighting::new(Vec3::Z, Vec3::Z, &SHADING).shade(Vec3::ONE, Vec3::X);
         assert!((lit - Vec3::splat(0.1)).length() < 1e-6);
     }
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::projection::{NEAR, PixelProjection, pixel_middle};
 use super::triangles::{Triangles, Vertex};
 use crate::frame::Frame;
-use crate::reference::shading::shade;
+use crate::reference::shading::Lighting;
 
 /// Parts of a pixel that corners lie on.
 const SUBPIXELS: i64 = 256;
@@ -224,7 +224,7 @@ impl Nearest<'_> {
             self.triangles.indices[triangle as usize].map(|index| self.triangles.vertices[index as usize]);
         let normal = mix(weights, vertices.map(|vertex| vertex.normal)).normalize_or_zero();
         let color = mix(weights, vertices.map(|vertex| [0, 1, 2].map(|axis| f32::from(vertex.color[axis]) / 255.0)));
-        shade(color, normal, -frame.ray(pixel[0], pixel[1]).direction, frame.light, &frame.shading)
+        Lighting::new(-frame.ray(pixel[0], pixel[1]).direction, frame.light, &frame.shading).shade(color, normal)
     }
 }
 

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use super::Technique;
+use super::{Classification, Technique};
 
 /// What a sample says of the step that it stands for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -29,13 +29,13 @@ pub enum Integration {
 pub struct RenderSettings {
     /// Where the volume is sampled.
     pub technique: Technique,
-    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. A quarter leaves no
-    /// visible rings.
+    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. Rays along which the
+    /// opacity of roles is integrated are cut where cells end, and between into pieces of half a step at most.
     pub step: f32,
     /// How samples stand for steps.
     pub integration: Integration,
     /// Whether rays begin at places of their own within the first step, so that what long steps miss shows as grain and
-    /// not as rings; slices lie where they lie.
+    /// not as rings; slices lie where they lie, and rays that are followed from cell to cell miss nothing.
     pub jitter: bool,
     /// Red, green, blue behind the volume as display values, 0 to 1.
     pub background: [f32; 3],
@@ -51,11 +51,22 @@ pub struct RenderSettings {
     pub image_size: [u32; 2],
 }
 
+impl RenderSettings {
+    /// Whether rays are followed from cell to cell, and opacity is integrated along what lies in each; else samples are
+    /// taken at equal distances.
+    #[must_use]
+    pub fn goes_by_cells(&self, classification: Classification) -> bool {
+        self.technique == Technique::Rays
+            && classification == Classification::Roles
+            && self.integration != Integration::PostClassified
+    }
+}
+
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
             technique: Technique::default(),
-            step: 0.25,
+            step: 0.5,
             integration: Integration::default(),
             jitter: false,
             background: [0.0; 3],

@@ -142,7 +142,9 @@ fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     section(ui, "Clipping", |ui| clipping::clipping_ui(ui, &mut view.clipping, &view.camera, dims));
     let range = volume.description.value_range;
     section(ui, "Lines and surfaces", |ui| scene::scene_ui(ui, &mut view.scene, range));
-    section(ui, "Rendering", |ui| render_settings::render_settings_ui(ui, &mut view.render_settings));
+    section(ui, "Rendering", |ui| {
+        render_settings::render_settings_ui(ui, &mut view.render_settings, view.transfer_function.classification)
+    });
 }
 
 fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {

@@ -3,13 +3,13 @@
 use egui::{Checkbox, Slider, Ui};
 
 use super::form::{color_row, rows, slider_row};
-use crate::state::{Integration, RenderSettings, Technique};
+use crate::state::{Classification, Integration, RenderSettings, Technique};
 
 /// Smallest and largest step of the slider, in multiples of the smallest voxel spacing.
 const STEPS: std::ops::RangeInclusive<f32> = 0.0625..=2.0;
 
 /// Technique, step, background, light and shading.
-pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
+pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings, classification: Classification) {
     ui.horizontal(|ui| {
         for technique in Technique::ALL {
             let choice = ui.selectable_value(&mut settings.technique, technique, technique.name());
@@ -38,7 +38,7 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings) {
         color_row(ui, "background", &mut settings.background);
     });
     ui.checkbox(&mut settings.light.follows_camera, "light follows the camera");
-    let has_jitter = settings.technique == Technique::Rays;
+    let has_jitter = settings.technique == Technique::Rays && !settings.goes_by_cells(classification);
     let jitter = ui.add_enabled(has_jitter, Checkbox::new(&mut settings.jitter, "jittered steps"));
     jitter.on_hover_text("Rays begin at places of their own: what long steps miss shows as grain, not as rings");
     let mut integrates = settings.integration != Integration::PostClassified;

@@ -4,7 +4,7 @@ use glam::Vec3;
 use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip};
 use voxrole_viewer::bench::measure;
 use voxrole_viewer::reference::RayMarcher;
-use voxrole_viewer::reference::shading::shade;
+use voxrole_viewer::reference::shading::Lighting;
 use voxrole_viewer::state::{BoundaryEmphasis, Camera, CameraPreset, ClipPlane, EmphasisKind, Technique};
 use voxrole_viewer::{Picture, ViewState};
 
@@ -57,7 +57,7 @@ fn a_cut_face_is_lit_as_the_plane_it_is() {
     let marcher = RayMarcher::new(&volume, &state, [128, 128]).expect("a size");
     let light = marcher.frame().light;
     let color = Vec3::from_array(state.transfer_function.regions[0].color);
-    let lit = shade(color, Vec3::NEG_Y, Vec3::NEG_Y, light, &state.render_settings.shading);
+    let lit = Lighting::new(Vec3::NEG_Y, light, &state.render_settings.shading).shade(color, Vec3::NEG_Y);
     let expected = (lit * 255.0 + 0.5).to_array().map(|channel| channel as u8);
     for technique in Technique::ALL {
         state.render_settings.technique = technique;

@@ -50,6 +50,7 @@ fn all_techniques_come_to_the_same_picture() {
             [Camera::default(), orthographic(CameraPreset::Iso), Camera { azimuth: 70.0, ..Camera::default() }]
         {
             state.camera = camera;
+            state.render_settings.step = 0.25;
             let lights = Technique::ALL.map(|technique| {
                 state.render_settings.technique = technique;
                 RayMarcher::new(&volume, &state, state.render_settings.image_size).expect("a size").light()

@@ -26,15 +26,65 @@ fn light_of_sample(role: RoleSample, ray: Ray, cut: vec3<f32>, face: f32, step: 
 struct Progress {
     // Colour premultiplied by opacity, and opacity.
     light: vec4<f32>,
-    // How many steps lie behind.
+    // How many steps lie behind, or where along the ray it goes on by cells.
     count: f32,
     // 1 more than the number of the brick that the ray waits for, or 0 at its end.
     wanted: u32,
 }
 
-// Light along a ray that goes on from where it was, with the first sample so far into the first step; the ray ends at
-// what is opaque.
+// Light along a ray that goes on from where it was; it ends at what is opaque.
 fn march(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
+    if frame.classification == BY_ROLES && frame.half_step > 0.0 {
+        return march_cells(ray, opaque, start);
+    }
+    return march_steps(ray, first, opaque, start);
+}
+
+// From cell to cell: what lies in each is cut into equal pieces.
+fn march_cells(ray: Ray, opaque: Opaque, start: Progress) -> Progress {
+    let inverse = inverse_direction(ray);
+    let interval = drawn_interval(ray, inverse);
+    let exit = min(interval.exit, opaque.along);
+    var sum = start.light;
+    var wanted = 0u;
+    let begin = max(interval.entry, start.count);
+    var place = CellPlace(cell_at(ray, inverse, begin), begin);
+    while place.along < exit && sum.a <= frame.termination_opacity {
+        let base = vec3<i32>(place.cell);
+        let empty = i32(textureLoad(occupancy, base / MACROCELL, 0).x);
+        if empty > 0 {
+            place = leap(ray, inverse, place.cell, empty);
+            continue;
+        }
+        if HAS_BRICKS {
+            wanted = brick_if_missing(base);
+            if wanted != 0u {
+                break;
+            }
+        }
+        let exits = exits_of(ray, inverse, place.cell);
+        let end = min(min(exits.x, min(exits.y, exits.z)), exit);
+        let cell = load_cell(base);
+        if cell.is_active {
+            let count = ceil((end - place.along) / (2.0 * frame.half_step));
+            let step = (end - place.along) / count;
+            half_step = 0.5 * step;
+            for (var piece = 0.0; piece < count && sum.a <= frame.termination_opacity; piece += 1.0) {
+                let along = place.along + (piece + 0.5) * step;
+                let role = sample_cell(cell, fraction_in(ray, place.cell, along), ray.direction);
+                if role.opacity > 0.0 {
+                    let face = clamp((interval.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0);
+                    sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, step);
+                }
+            }
+        }
+        place = CellPlace(next_cell(ray, place.cell, exits), end);
+    }
+    return Progress(sum, place.along, wanted);
+}
+
+// In equal steps, with the first sample so far into the first one.
+fn march_steps(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
     let inverse = inverse_direction(ray);
     let interval = drawn_interval(ray, inverse);
     var cell: Cell;

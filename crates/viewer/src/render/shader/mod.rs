@@ -12,6 +12,7 @@ pub const SOURCE: &str = concat!(
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
     include_str!("opaque.wgsl"),
+    include_str!("cells.wgsl"),
     include_str!("compositing.wgsl"),
     include_str!("resuming.wgsl"),
     include_str!("slicing.wgsl"),
@@ -37,7 +38,7 @@ mod tests {
     use crate::scene::projection;
     use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 11] = [
+    const CHUNKS: [(&str, &str); 12] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -46,6 +47,7 @@ mod tests {
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
         ("opaque", include_str!("opaque.wgsl")),
+        ("cells", include_str!("cells.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
         ("resuming", include_str!("resuming.wgsl")),
         ("slicing", include_str!("slicing.wgsl")),

@@ -22,10 +22,11 @@ fn optical_depth(emphasis: u32, level: f32, distance: f32) -> f32 {
     return select(integral, -integral, distance < 0.0);
 }
 
-// The opacity for each L_min of a step around a signed distance that changes by `half` to either side.
+// The opacity for each L_min of a step around a signed distance that changes by `half` to either side; that is 0 where the
+// distance counts for all of it.
 fn opacity_of_step(bin: vec2<u32>, by_role: f32, distance: f32, half: f32) -> f32 {
     let emphasis = textureLoad(emphases, bin, 0).x;
-    if 2.0 * half < SHORTEST {
+    if half == 0.0 {
         return by_role * opacity_by_distance(emphasis, distance);
     }
     let level = (LEVELS - 1.0) * (1.0 - sqrt(max(1.0 - by_role, 0.0)));

@@ -3,7 +3,7 @@
 // What the pass before left of every pixel of the strip. The bits of numbers, because not every device draws into
 // textures of floats.
 @group(1) @binding(0) var light_before: texture_2d<u32>;
-// Steps that lie behind, and the brick that is waited for.
+// How far the ray has come, and the brick that is waited for.
 @group(1) @binding(1) var progress_before: texture_2d<u32>;
 
 struct StoredProgress {

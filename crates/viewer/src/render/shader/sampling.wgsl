@@ -117,7 +117,7 @@ fn add_voxel(
     }
     let normal = decode_normal(texel.w);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
-    let half = abs(dot(normal, direction)) * half_step;
+    let half = select(0.0, max(abs(dot(normal, direction)) * half_step, 0.5 * SHORTEST), half_step > 0.0);
     let share = weight * opacity_of_step(bin, by_role.a, distance, half);
     (*sum).opacity += share;
     (*sum).color += share * by_role.rgb;

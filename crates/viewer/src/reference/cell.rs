@@ -1,0 +1,252 @@
+//! A cell of eight voxels, its corners side by side in the lanes of vectors.
+
+// No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
+#![allow(clippy::needless_range_loop, reason = "see above")]
+
+use fearless_simd::{
+    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x8, i32x8, mask32x8, u16x8, u32x4,
+    u32x8,
+};
+use glam::{UVec3, Vec3};
+use voxrole_pack::DistanceQuantization;
+use voxrole_pack::quantization::NO_NORMAL;
+
+use super::lanes::{exp_of_negative, sums};
+use super::roles::{NO_ROW, RoleLanes};
+use super::sampling::{RoleSample, Sampler, unit_or_zero};
+use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS, value_bin, value_bins};
+use crate::classify::preintegration::SHORTEST;
+
+/// The cell that the last samples of a ray lay in.
+pub struct Cell<S: Simd> {
+    base: UVec3,
+    /// Whether any of its corners can be drawn somewhere in it.
+    is_active: bool,
+    values: f32x8<S>,
+    /// The first of the bins of each corner's gradient magnitude; those of nothing for a corner that cannot be drawn.
+    bins: [u32; 8],
+    normals: [f32x8<S>; 3],
+    /// Signed distance of a corner's plane at the cell's lowest corner, and by how much that grows along the cell.
+    distance: f32x8<S>,
+    growth: [f32x8<S>; 3],
+    /// By how much a plane's distance changes, either way, along a unit of the ray.
+    slant: f32x8<S>,
+    /// The roles of the last sample's value.
+    roles: RoleLanes<S>,
+}
+
+impl<S: Simd> Cell<S> {
+    /// None that a place lies in.
+    #[inline(always)]
+    pub fn none(simd: S) -> Self {
+        let zero = f32x8::splat(simd, 0.0);
+        Self {
+            base: UVec3::MAX,
+            is_active: false,
+            values: zero,
+            bins: [NO_ROW; 8],
+            normals: [zero; 3],
+            distance: zero,
+            growth: [zero; 3],
+            slant: zero,
+            roles: RoleLanes::none(simd),
+        }
+    }
+
+    /// Reads the voxels of a cell by its lowest one, for steps along `direction`, which is that of all samples that the
+    /// cell is used for. Whether anything can be drawn in it.
+    #[inline(always)]
+    pub fn enter(&mut self, simd: S, sampler: &Sampler<'_>, base: UVec3, direction: Vec3) -> bool {
+        if self.base != base {
+            self.base = base;
+            self.is_active = self.read(simd, sampler, base, direction);
+        }
+        self.is_active
+    }
+
+    #[inline(always)]
+    fn read(&mut self, simd: S, sampler: &Sampler<'_>, base: UVec3, direction: Vec3) -> bool {
+        let frame = sampler.frame;
+        let [low_words, high_words] = words(simd, sampler, base);
+        let stored = low_words.bitcast::<i32x8<S>>() >> 16;
+        let distance = stored.to_float::<f32x8<S>>() * frame.distance_scale;
+        let gradients = high_words & 0xffff;
+        // A plane's distance changes within the cell by no more than the cell's diagonal.
+        let near = stored.simd_gt(i32::from(DistanceQuantization::MASKED)) & distance.abs().simd_lt(frame.reach);
+        let near = near & gradients.simd_gt(0);
+        if !near.any_true() {
+            return false;
+        }
+        self.values = (low_words & 0xffff).to_float();
+        let extent = [self.values.reduce_min() as u16, self.values.reduce_max() as u16];
+        let rows = gradient_bins(simd, gradients);
+        let lit = near & self.lit(simd, sampler, value_bins(extent), &rows.into());
+        if !lit.any_true() {
+            return false;
+        }
+        self.normals = normals(simd, high_words >> 16);
+        let zero = f32x8::splat(simd, 0.0);
+        let (mut slant, mut range) = (zero, zero);
+        (self.distance, self.growth) = (distance, [zero; 3]);
+        let mut middle = distance;
+        for axis in 0..3 {
+            let growth = self.normals[axis] * frame.spacing[axis];
+            let corner = f32x8::from_slice(simd, &CORNERS[axis]);
+            self.distance -= growth * corner;
+            middle += growth * (0.5 - corner);
+            range += growth.abs();
+            slant += self.normals[axis] * direction[axis];
+            self.growth[axis] = growth;
+        }
+        self.slant = slant.abs();
+        // Between the smallest and the largest distance that a plane has in the cell, with a little for rounding.
+        let nearest = middle.abs() - range * 0.5 - self.slant * frame.half_step;
+        let lit = lit & nearest.simd_lt(1.001 * sampler.roles.largest_d_c());
+        self.bins = lit.select(rows * VALUE_BINS as u32, u32x8::splat(simd, NO_ROW)).into();
+        lit.any_true()
+    }
+
+    /// Which corners have an opacity with any of the cell's values.
+    #[inline(always)]
+    fn lit(&self, simd: S, sampler: &Sampler<'_>, [low, high]: [usize; 2], rows: &[u32; 8]) -> mask32x8<S> {
+        let [mut first, mut last] = [[0; 8]; 2];
+        for lane in 0..8 {
+            [first[lane], last[lane]] = sampler.roles.lit_values(rows[lane] as usize).map(u32::from);
+        }
+        let (first, last) = (u32x8::from_slice(simd, &first), u32x8::from_slice(simd, &last));
+        last.simd_ge(low as u32) & first.simd_le(high as u32)
+    }
+
+    /// The sample at a place within the cell, 0 to 1 along each axis, over `half_step` to either side; that is 0 where the
+    /// place counts for all of it.
+    #[inline(always)]
+    pub fn sample(&mut self, simd: S, sampler: &Sampler<'_>, fraction: Vec3, half_step: f32) -> RoleSample {
+        let weights = weights(simd, fraction);
+        let mut distance = self.distance;
+        for axis in 0..3 {
+            distance += self.growth[axis] * fraction[axis];
+        }
+        let zero = f32x8::splat(simd, 0.0);
+        let [value, ..] = sums(simd, [weights * self.values, zero, zero, zero]);
+        if !self.roles.look_up(simd, sampler.roles, &self.bins, value_bin(value)) {
+            return RoleSample::default();
+        }
+        let opacities = if half_step > 0.0 {
+            let half = (self.slant * half_step).max(f32x8::splat(simd, 0.5 * SHORTEST));
+            let end = self.roles.integral(simd, sampler.roles, distance + half);
+            let begin = self.roles.integral(simd, sampler.roles, distance - half);
+            1.0 - exp_of_negative(simd, (begin - end) / (half + half))
+        } else {
+            self.roles.opacity(simd, sampler.roles, distance)
+        };
+        let shares = weights * opacities;
+        let [red, green, blue] = self.roles.color;
+        let [opacity, red, green, blue] = sums(simd, [shares, shares * red, shares * green, shares * blue]);
+        if opacity <= 0.0 {
+            return RoleSample::default();
+        }
+        let [x, y, z] = self.normals;
+        let [x, y, z, _] = sums(simd, [shares * x, shares * y, shares * z, zero]);
+        let share = opacity.recip();
+        RoleSample {
+            opacity: opacity.min(1.0),
+            color: Vec3::new(red, green, blue) * share,
+            normal: unit_or_zero(Vec3::new(x, y, z) * share),
+        }
+    }
+}
+
+/// The voxels at a cell's corners: value and distance, then gradient magnitude and normal, in the halves of 32 bits.
+#[inline(always)]
+fn words<S: Simd>(simd: S, sampler: &Sampler<'_>, base: UVec3) -> [u32x8<S>; 2] {
+    let rows = sampler.rows(base);
+    let mut pairs = [u32x4::splat(simd, 0); 4];
+    for row in 0..4 {
+        let pair = sampler.pair(rows[row]);
+        pairs[row] = u16x8::from_slice(simd, pair.as_flattened()).bitcast();
+    }
+    let (near, far) = (pairs[0].combine(pairs[1]), pairs[2].combine(pairs[3]));
+    let (low, high) = near.deinterleave(far);
+    [low, high]
+}
+
+/// As [`crate::classify::opacity::gradient_bin`], of numbers that are not 0.
+#[inline(always)]
+fn gradient_bins<S: Simd>(simd: S, stored: u32x8<S>) -> u32x8<S> {
+    let one = u32x8::splat(simd, 1);
+    let number = (stored.max(one) - one) * GRADIENT_BINS as u32;
+    // Over 65535, exactly, of all numbers below 2³².
+    (number + (number >> 16) + one) >> 16
+}
+
+/// As [`voxrole_pack::quantization::decode_normal`]; 0 for none.
+#[inline(always)]
+fn normals<S: Simd>(simd: S, stored: u32x8<S>) -> [f32x8<S>; 3] {
+    let words = stored.bitcast::<i32x8<S>>();
+    let bytes = [(words << 24) >> 24, (words << 16) >> 24];
+    let [x, y]: [f32x8<S>; 2] = [bytes[0].to_float::<f32x8<S>>() / 127.0, bytes[1].to_float::<f32x8<S>>() / 127.0];
+    let z = 1.0 - x.abs() - y.abs();
+    let is_upper = z.simd_ge(0.0);
+    let u = is_upper.select(x, (1.0 - y.abs()).copysign(x));
+    let v = is_upper.select(y, (1.0 - x.abs()).copysign(y));
+    let share = 1.0 / ((u * u + v * v) + z * z).sqrt();
+    let is_none = stored.simd_eq(u32::from(NO_NORMAL));
+    let zero = f32x8::splat(simd, 0.0);
+    [is_none.select(zero, u * share), is_none.select(zero, v * share), is_none.select(zero, z * share)]
+}
+
+/// Trilinear weights.
+#[inline(always)]
+fn weights<S: Simd>(simd: S, fraction: Vec3) -> f32x8<S> {
+    let mut weights = f32x8::splat(simd, 1.0);
+    for axis in 0..3 {
+        let corner = f32x8::from_slice(simd, &CORNERS[axis]);
+        // 1 − x, or x itself.
+        weights = weights * ((1.0 - corner) + (corner + corner - 1.0) * fraction[axis]);
+    }
+    weights
+}
+
+/// The cell's corners, x fastest: where they lie along each axis.
+const CORNERS: [[f32; 8]; 3] = [
+    [0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0],
+    [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0],
+    [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0],
+];
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+    use voxrole_pack::quantization::decode_normal;
+    use voxrole_preprocess::simd;
+
+    use super::*;
+    use crate::classify::opacity::gradient_bin;
+
+    #[test]
+    fn every_stored_gradient_has_its_bin() {
+        for stored in (1..=u16::MAX).step_by(8) {
+            let stored: [u16; 8] = std::array::from_fn(|lane| stored.saturating_add(lane as u16));
+            let lanes = stored.map(u32::from);
+            let bins: [u32; 8] =
+                dispatch!(simd::level(), simd => gradient_bins(simd, u32x8::from_slice(simd, &lanes)).into());
+            assert_eq!(bins, stored.map(|stored| gradient_bin(stored) as u32));
+        }
+    }
+
+    #[test]
+    fn every_stored_normal_is_its_vector() {
+        for first in (0..=u16::MAX).step_by(8) {
+            let lanes: [u32; 8] = std::array::from_fn(|lane| u32::from(first) + lane as u32);
+            let [x, y, z]: [[f32; 8]; 3] = dispatch!(simd::level(), simd => {
+                let [x, y, z] = normals(simd, u32x8::from_slice(simd, &lanes));
+                [x.into(), y.into(), z.into()]
+            });
+            for lane in 0..8 {
+                let expected = decode_normal(lanes[lane] as u16).unwrap_or(Vec3::ZERO);
+                let found = Vec3::new(x[lane], y[lane], z[lane]);
+                assert!((found - expected).abs().max_element() < 2e-7, "{}: {found} {expected}", lanes[lane]);
+            }
+        }
+    }
+}
