@@ -97,32 +97,6 @@ impl OpacityTable {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
         (self.entries[bin].map(|share| f32::from(share) / 65535.0), usize::from(self.emphases[bin]))
     }
-
-    /// Which bins of value have an opacity, for every gradient magnitude.
-    #[must_use]
-    pub fn lit_rows(&self) -> LitRows {
-        let rows = self.entries.chunks_exact(VALUE_BINS).map(|row| {
-            let is_lit = |entry: &[u16; 4]| entry[3] > 0;
-            let ends = row.iter().position(is_lit).zip(row.iter().rposition(is_lit));
-            ends.map_or([u16::MAX, 0], |(first, last)| [first as u16, last as u16])
-        });
-        LitRows { rows: rows.collect() }
-    }
-}
-
-/// For every gradient magnitude the first and the last bin of value with an opacity; the first behind the last for none.
-#[derive(Clone, Debug)]
-pub struct LitRows {
-    rows: Vec<[u16; 2]>,
-}
-
-impl LitRows {
-    /// The first and the last bin of value with an opacity in a row.
-    #[must_use]
-    #[inline(always)]
-    pub fn ends(&self, row: usize) -> [u16; 2] {
-        self.rows[row]
-    }
 }
 
 /// Whether any of a rectangle of bins has an opacity, at the cost of four numbers: a summed-area table.

@@ -4,17 +4,16 @@
 #![allow(clippy::needless_range_loop, reason = "see above")]
 
 use fearless_simd::{
-    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x8, i32x8, mask32x8, u16x8, u32x4,
-    u32x8,
+    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x8, i32x8, u16x8, u32x4, u32x8,
 };
 use glam::{UVec3, Vec3};
 use voxrole_pack::DistanceQuantization;
 use voxrole_pack::quantization::NO_NORMAL;
 
 use super::lanes::{exp_of_negative, sums};
-use super::roles::{NO_ROW, RoleLanes};
+use super::roles::RoleLanes;
 use super::sampling::{RoleSample, Sampler, unit_or_zero};
-use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS, value_bin, value_bins};
+use crate::classify::opacity::{GRADIENT_BINS, value_bin, value_bins};
 use crate::classify::preintegration::SHORTEST;
 
 /// The cell that the last samples of a ray lay in.
@@ -31,8 +30,8 @@ pub struct Cell<S: Simd> {
     growth: [f32x8<S>; 3],
     /// By how much a plane's distance changes, either way, along a unit of the ray.
     slant: f32x8<S>,
-    /// The roles of the last sample's value.
-    roles: RoleLanes<S>,
+    /// The roles of the last samples' values.
+    roles: [RoleLanes<S>; 2],
 }
 
 impl<S: Simd> Cell<S> {
@@ -44,12 +43,12 @@ impl<S: Simd> Cell<S> {
             base: UVec3::MAX,
             is_active: false,
             values: zero,
-            bins: [NO_ROW; 8],
+            bins: [0; 8],
             normals: [zero; 3],
             distance: zero,
             growth: [zero; 3],
             slant: zero,
-            roles: RoleLanes::none(simd),
+            roles: [RoleLanes::none(simd), RoleLanes::none(simd)],
         }
     }
 
@@ -79,8 +78,17 @@ impl<S: Simd> Cell<S> {
         }
         self.values = (low_words & 0xffff).to_float();
         let extent = [self.values.reduce_min() as u16, self.values.reduce_max() as u16];
-        let rows = gradient_bins(simd, gradients);
-        let lit = near & self.lit(simd, sampler, value_bins(extent), &rows.into());
+        let [low, high] = value_bins(extent);
+        let rows: [u32; 8] = gradient_bins(simd, gradients).into();
+        let [mut first, mut last, mut bins] = [[0; 8]; 3];
+        for lane in 0..8 {
+            let row = sampler.roles.row(rows[lane]);
+            [first[lane], last[lane]] = row.lit.map(u32::from);
+            bins[lane] = row.first;
+        }
+        let (first, last) = (u32x8::from_slice(simd, &first), u32x8::from_slice(simd, &last));
+        // Corners that have an opacity with any of the cell's values.
+        let lit = near & last.simd_ge(low as u32) & first.simd_le(high as u32);
         if !lit.any_true() {
             return false;
         }
@@ -102,57 +110,74 @@ impl<S: Simd> Cell<S> {
         // Between the smallest and the largest distance that a plane has in the cell, with a little for rounding.
         let nearest = middle.abs() - range * 0.5 - self.slant * frame.half_step;
         let lit = lit & nearest.simd_lt(1.001 * sampler.roles.largest_d_c());
-        self.bins = lit.select(rows * VALUE_BINS as u32, u32x8::splat(simd, NO_ROW)).into();
+        self.bins = lit.select(u32x8::from_slice(simd, &bins), u32x8::splat(simd, 0)).into();
         lit.any_true()
     }
 
-    /// Which corners have an opacity with any of the cell's values.
+    /// The samples at places within the cell, 0 to 1 along each axis, over `half_step` to either side; that is 0 where a
+    /// place counts for all of it. Two at once hardly take longer than one, which leaves the processor waiting.
     #[inline(always)]
-    fn lit(&self, simd: S, sampler: &Sampler<'_>, [low, high]: [usize; 2], rows: &[u32; 8]) -> mask32x8<S> {
-        let [mut first, mut last] = [[0; 8]; 2];
-        for lane in 0..8 {
-            [first[lane], last[lane]] = sampler.roles.lit_values(rows[lane] as usize).map(u32::from);
-        }
-        let (first, last) = (u32x8::from_slice(simd, &first), u32x8::from_slice(simd, &last));
-        last.simd_ge(low as u32) & first.simd_le(high as u32)
-    }
-
-    /// The sample at a place within the cell, 0 to 1 along each axis, over `half_step` to either side; that is 0 where the
-    /// place counts for all of it.
-    #[inline(always)]
-    pub fn sample(&mut self, simd: S, sampler: &Sampler<'_>, fraction: Vec3, half_step: f32) -> RoleSample {
-        let weights = weights(simd, fraction);
-        let mut distance = self.distance;
-        for axis in 0..3 {
-            distance += self.growth[axis] * fraction[axis];
-        }
+    pub fn sample<const N: usize>(
+        &mut self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        fractions: [Vec3; N],
+        half_step: f32,
+    ) -> [RoleSample; N] {
+        const { assert!(N <= 2) };
         let zero = f32x8::splat(simd, 0.0);
-        let [value, ..] = sums(simd, [weights * self.values, zero, zero, zero]);
-        if !self.roles.look_up(simd, sampler.roles, &self.bins, value_bin(value)) {
-            return RoleSample::default();
+        let [mut weights, mut distances, mut shares] = [[zero; N]; 3];
+        let mut weighted = [zero; 4];
+        for place in 0..N {
+            weights[place] = trilinear(simd, fractions[place]);
+            weighted[place] = weights[place] * self.values;
+            distances[place] = self.distance;
+            for axis in 0..3 {
+                distances[place] += self.growth[axis] * fractions[place][axis];
+            }
         }
-        let opacities = if half_step > 0.0 {
+        let values = sums(simd, weighted);
+        let mut any = false;
+        for place in 0..N {
+            any |= self.roles[place].look_up(simd, sampler.roles, &self.bins, value_bin(values[place]));
+        }
+        let mut samples = [RoleSample::default(); N];
+        if !any {
+            return samples;
+        }
+        if half_step > 0.0 {
             let half = (self.slant * half_step).max(f32x8::splat(simd, 0.5 * SHORTEST));
-            let end = self.roles.integral(simd, sampler.roles, distance + half);
-            let begin = self.roles.integral(simd, sampler.roles, distance - half);
-            1.0 - exp_of_negative(simd, (begin - end) / (half + half))
+            let per_length = 0.5 / half;
+            for place in 0..N {
+                let roles = &self.roles[place];
+                let begin = roles.integral(simd, sampler.roles, distances[place] - half);
+                let end = roles.integral(simd, sampler.roles, distances[place] + half);
+                shares[place] = (begin - end) * per_length;
+            }
+            for place in 0..N {
+                shares[place] = weights[place] * (1.0 - exp_of_negative(simd, shares[place]));
+            }
         } else {
-            self.roles.opacity(simd, sampler.roles, distance)
-        };
-        let shares = weights * opacities;
-        let [red, green, blue] = self.roles.color;
-        let [opacity, red, green, blue] = sums(simd, [shares, shares * red, shares * green, shares * blue]);
-        if opacity <= 0.0 {
-            return RoleSample::default();
+            for place in 0..N {
+                shares[place] = weights[place] * self.roles[place].opacity(simd, sampler.roles, distances[place]);
+            }
         }
-        let [x, y, z] = self.normals;
-        let [x, y, z, _] = sums(simd, [shares * x, shares * y, shares * z, zero]);
-        let share = opacity.recip();
-        RoleSample {
-            opacity: opacity.min(1.0),
-            color: Vec3::new(red, green, blue) * share,
-            normal: unit_or_zero(Vec3::new(x, y, z) * share),
+        for place in 0..N {
+            let share = shares[place];
+            let [red, green, blue] = self.roles[place].color;
+            let [x, y, z] = self.normals;
+            let [opacity, red, green, blue] = sums(simd, [share, share * red, share * green, share * blue]);
+            let [x, y, z, _] = sums(simd, [share * x, share * y, share * z, zero]);
+            if opacity > 0.0 {
+                let share = opacity.recip();
+                samples[place] = RoleSample {
+                    opacity: opacity.min(1.0),
+                    color: Vec3::new(red, green, blue) * share,
+                    normal: unit_or_zero(Vec3::new(x, y, z) * share),
+                };
+            }
         }
+        samples
     }
 }
 
@@ -197,7 +222,7 @@ fn normals<S: Simd>(simd: S, stored: u32x8<S>) -> [f32x8<S>; 3] {
 
 /// Trilinear weights.
 #[inline(always)]
-fn weights<S: Simd>(simd: S, fraction: Vec3) -> f32x8<S> {
+fn trilinear<S: Simd>(simd: S, fraction: Vec3) -> f32x8<S> {
     let mut weights = f32x8::splat(simd, 1.0);
     for axis in 0..3 {
         let corner = f32x8::from_slice(simd, &CORNERS[axis]);

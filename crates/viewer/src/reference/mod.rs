@@ -184,7 +184,7 @@ impl<'a> RayMarcher<'a> {
         dispatch!(simd::level(), simd => {
             let (mut cell, (base, fraction)) = (Cell::none(simd), place);
             let is_active = cell.enter(simd, &sampler, base, Vec3::ZERO);
-            if is_active { cell.sample(simd, &sampler, fraction, 0.0) } else { RoleSample::default() }
+            if is_active { cell.sample(simd, &sampler, [fraction], 0.0)[0] } else { RoleSample::default() }
         })
     }
 
@@ -228,7 +228,7 @@ impl<'a> RayMarcher<'a> {
             let role = match &self.by_value {
                 Some(by_value) => sampler.sample_value(by_value, position, ray.direction, sample.half_step),
                 None if !cell.enter(simd, &sampler, place.0, ray.direction) => RoleSample::default(),
-                None => cell.sample(simd, &sampler, place.1, sample.half_step),
+                None => cell.sample(simd, &sampler, [place.1], sample.half_step)[0],
             };
             if role.opacity > 0.0 {
                 // A face that was cut is lit as such, to a depth that does not depend on the step.
@@ -268,15 +268,24 @@ impl<'a> RayMarcher<'a> {
             if cell.enter(simd, &sampler, base, ray.direction) {
                 let count = ((end - along) / (2.0 * frame.half_step)).ceil();
                 let step = (end - along) / count;
+                let middle = |piece: f32| along + (piece + 0.5) * step;
+                let fraction = |piece| cells.fraction(place, middle(piece));
                 let mut piece = 0.0;
                 while piece < count && !light.is_opaque() {
-                    let sample = Sample { along: along + (piece + 0.5) * step, step, half_step: 0.5 * step };
-                    let role = cell.sample(simd, &sampler, cells.fraction(place, sample.along), sample.half_step);
-                    if role.opacity > 0.0 {
-                        let face = (entry + FACE_DEPTH - sample.along) / step + 0.5;
-                        light.add(&role, &sample, if cut == Vec3::ZERO { 0.0 } else { face.clamp(0.0, 1.0) });
+                    let mut roles = [RoleSample::default(); 2];
+                    if piece + 1.0 < count {
+                        roles = cell.sample(simd, &sampler, [fraction(piece), fraction(piece + 1.0)], 0.5 * step);
+                    } else {
+                        [roles[0]] = cell.sample(simd, &sampler, [fraction(piece)], 0.5 * step);
                     }
-                    piece += 1.0;
+                    for role in &roles {
+                        if role.opacity > 0.0 && !light.is_opaque() {
+                            let sample = Sample { along: middle(piece), step, half_step: 0.5 * step };
+                            let face = (entry + FACE_DEPTH - sample.along) / step + 0.5;
+                            light.add(role, &sample, if cut == Vec3::ZERO { 0.0 } else { face.clamp(0.0, 1.0) });
+                        }
+                        piece += 1.0;
+                    }
                 }
             }
             (along, place) = (end, cells.next(place, exits));

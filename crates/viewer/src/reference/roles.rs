@@ -9,18 +9,17 @@ use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, f32x8, i3
 
 use super::lanes::columns;
 use crate::classify::emphasis_table::{INTERVALS, ROW};
-use crate::classify::opacity::{GRADIENT_BINS, LitRows, VALUE_BINS};
+use crate::classify::opacity::VALUE_BINS;
 use crate::classify::preintegration::{CELLS_OF_SIDE, STRETCHES};
 use crate::classify::{EmphasisTable, OpacityTable, PreintegrationCells};
 use crate::state::TransferFunction;
 
-/// The first bin of a row in which nothing has an opacity.
-pub const NO_ROW: u32 = (VALUE_BINS * GRADIENT_BINS) as u32;
-
 /// A transfer function, ready to be looked up for whole cells.
 pub struct Roles {
-    lit: LitRows,
-    /// For every bin of value and gradient magnitude which of the roles it has.
+    /// The row of every gradient magnitude.
+    rows: Vec<Row>,
+    /// For every bin of value which of the roles it has, row after row: first one in which there is nothing, then those of
+    /// gradient magnitudes, of which neighbours often share one.
     bins: Vec<u32>,
     /// Every colour, αu and αd that bins have, as two rows each: red, green, blue, αu (as stored) with the number of αd
     /// above it; where its level of the table of integrals begins, how far above that it lies, and the intervals per
@@ -35,8 +34,9 @@ impl Roles {
     #[must_use]
     pub fn new(table: &OpacityTable, transfer_function: &TransferFunction) -> Self {
         let emphases = EmphasisTable::new(transfer_function);
-        let ((bins, roles), cells) = rayon::join(|| roles_of(table, &emphases), || PreintegrationCells::new(&emphases));
-        Self { lit: table.lit_rows(), bins, roles, cells, emphases }
+        let ((rows, bins, roles), cells) =
+            rayon::join(|| roles_of(table, &emphases), || PreintegrationCells::new(&emphases));
+        Self { rows, bins, roles, cells, emphases }
     }
 
     /// αd by distance.
@@ -52,12 +52,20 @@ impl Roles {
         self.emphases.largest_d_c()
     }
 
-    /// As [`LitRows::ends`].
-    #[must_use]
+    /// The row of a bin of gradient magnitude.
     #[inline(always)]
-    pub fn lit_values(&self, row: usize) -> [u16; 2] {
-        self.lit.ends(row)
+    pub(super) fn row(&self, gradient_bin: u32) -> Row {
+        self.rows[gradient_bin as usize]
     }
+}
+
+/// What there is for a gradient magnitude.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    /// The first and the last bin of value with an opacity; the first behind the last for none.
+    pub(super) lit: [u16; 2],
+    /// Where its bins begin.
+    pub(super) first: u32,
 }
 
 /// The roles that the corners of a cell have for a value.
@@ -92,7 +100,7 @@ impl<S: Simd> RoleLanes<S> {
             any |= numbers[lane];
         }
         // Most samples have the roles of the one before.
-        if any != 0 && numbers != self.numbers {
+        if numbers != self.numbers {
             self.numbers = numbers;
             let numbers = u32x8::from_slice(simd, &numbers) << 1;
             let [red, green, blue, packed] = columns(simd, &roles.roles, &numbers.into());
@@ -140,24 +148,41 @@ impl<S: Simd> RoleLanes<S> {
     }
 }
 
-/// For every bin of a table, and a row of nothing behind it, which of the roles it has, and those roles.
-fn roles_of(table: &OpacityTable, emphases: &EmphasisTable) -> (Vec<u32>, Vec<[f32; 4]>) {
+/// The rows of a table's gradient magnitudes, which role every bin of them has, and those roles.
+fn roles_of(table: &OpacityTable, emphases: &EmphasisTable) -> (Vec<Row>, Vec<u32>, Vec<[f32; 4]>) {
     let mut roles = role([0; 4], 0, emphases).to_vec();
+    let mut bins = vec![0; VALUE_BINS];
     let mut known = HashMap::new();
-    let (mut last, mut last_role) = (([0; 4], 0), 0);
-    let bins = table.entries().iter().zip(table.emphases()).map(|(&entry, &emphasis)| {
-        // Most bins are as the one before.
-        if entry[3] > 0 && (entry, emphasis) != last {
-            last = (entry, emphasis);
-            last_role = *known.entry(last).or_insert_with(|| {
-                roles.extend(role(entry, emphasis, emphases));
-                roles.len() as u32 / 2 - 1
-            });
+    let entries = table.entries().chunks_exact(VALUE_BINS).zip(table.emphases().chunks_exact(VALUE_BINS));
+    let mut before = (([].as_slice(), [].as_slice()), Row { lit: [u16::MAX, 0], first: 0 });
+    let rows = entries.map(|of_row @ (entries, row_emphases)| {
+        // Within a region most rows are as the one before.
+        if of_row == before.0 {
+            return before.1;
         }
-        if entry[3] > 0 { last_role } else { 0 }
+        let is_lit = |entry: &[u16; 4]| entry[3] > 0;
+        let ends = entries.iter().position(is_lit).zip(entries.iter().rposition(is_lit));
+        let mut row = Row { lit: [u16::MAX, 0], first: 0 };
+        if let Some((first, last)) = ends {
+            row = Row { lit: [first as u16, last as u16], first: bins.len() as u32 };
+            let (mut same, mut number) = (([0; 4], 0), 0);
+            bins.extend(entries.iter().zip(row_emphases).map(|(&entry, &emphasis)| {
+                // Most bins are as the one before.
+                if entry[3] > 0 && (entry, emphasis) != same {
+                    same = (entry, emphasis);
+                    number = *known.entry(same).or_insert_with(|| {
+                        roles.extend(role(entry, emphasis, emphases));
+                        roles.len() as u32 / 2 - 1
+                    });
+                }
+                if entry[3] > 0 { number } else { 0 }
+            }));
+        }
+        before = (of_row, row);
+        row
     });
-    let bins = bins.chain([0; VALUE_BINS]).collect();
-    (bins, roles)
+    let rows = rows.collect();
+    (rows, bins, roles)
 }
 
 fn role([red, green, blue, opacity]: [u16; 4], emphasis: u16, emphases: &EmphasisTable) -> [[f32; 4]; 2] {
@@ -204,7 +229,7 @@ mod tests {
     fn look_up(roles: &Roles, distance: f32, half: f32) -> [f32; 2] {
         let [begin, end, opacity]: [[f32; 8]; 3] = dispatch!(simd::level(), simd => {
             let mut lanes = RoleLanes::none(simd);
-            assert!(lanes.look_up(simd, roles, &[0; 8], 300));
+            assert!(lanes.look_up(simd, roles, &[roles.row(200).first; 8], 300));
             let place = |distance| f32x8::splat(simd, distance);
             let integral = |distance| lanes.integral(simd, roles, place(distance)).into();
             [integral(distance - half), integral(distance + half), lanes.opacity(simd, roles, place(distance)).into()]
