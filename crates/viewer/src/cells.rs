@@ -4,6 +4,8 @@
 //! depend on the cells that were leapt over. Source: Amanatides and Woo, A fast voxel traversal algorithm for ray
 //! tracing, 1987, with every plane's place worked out anew instead of a running sum.
 
+use std::cmp::Ordering;
+
 use glam::{BVec3, Vec3};
 
 use crate::classify::macrocells::MACROCELL;
@@ -119,10 +121,8 @@ impl CellRay {
     /// How many cells a stretch of the ray goes through.
     #[must_use]
     pub fn count(&self, [entry, exit]: [f32; 2]) -> u64 {
-        // NaN for neither.
-        if !(entry < exit) {
-            return 0;
-        }
+        // A ray that misses has an exit before its entry, or none at all.
+        let Some(Ordering::Less) = entry.partial_cmp(&exit) else { return 0 };
         let last = self.cell(exit);
         let is_left = self.entries(last).cmpge(Vec3::splat(exit));
         let last = last - Vec3::select(is_left, self.step(), Vec3::ZERO);

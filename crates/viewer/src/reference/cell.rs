@@ -227,7 +227,7 @@ fn trilinear<S: Simd>(simd: S, fraction: Vec3) -> f32x8<S> {
     for axis in 0..3 {
         let corner = f32x8::from_slice(simd, &CORNERS[axis]);
         // 1 − x, or x itself.
-        weights = weights * ((1.0 - corner) + (corner + corner - 1.0) * fraction[axis]);
+        weights *= (1.0 - corner) + (corner + corner - 1.0) * fraction[axis];
     }
     weights
 }

@@ -375,10 +375,10 @@ fn march_band<S: Simd>(
     for first in (0..width).step_by(TILE) {
         for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
             let y = first_row + row as u32;
-            for x in first..(first + TILE).min(width) {
+            for (x, pixel) in pixels.iter_mut().enumerate().skip(first).take(TILE) {
                 let ray = frame.ray(x as u32, y);
                 let opaque = opaque.get(row * width + x).unwrap_or(&OpaquePixel::NONE);
-                pixels[x] = if frame.goes_by_cells {
+                *pixel = if frame.goes_by_cells {
                     marcher.march_cells(simd, &ray, opaque, &mut counts)
                 } else {
                     let first = frame.first_sample(x as u32, y);
