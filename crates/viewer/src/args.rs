@@ -88,8 +88,9 @@ pub struct RenderArgs {
     /// the nearest axis of the grid [default: rays].
     #[arg(long, value_enum, hide_possible_values = true, value_name = "rays|slices|stacks")]
     pub technique: Option<Technique>,
-    /// Distance between samples along a ray, or between slices, in multiples of the smallest voxel spacing; rays along
-    /// which opacity is integrated are cut where cells end, and between into pieces of half of it at most [default: 0.5].
+    /// Distance between samples along a ray, or between slices, in multiples of the smallest voxel spacing; where opacity
+    /// is integrated by role, rays are cut at the borders of cells, and between into pieces of half of it at most [default:
+    /// 0.5].
     #[arg(long, value_name = "F", value_parser = parse_step)]
     pub step: Option<f32>,
     /// What a sample says of the step that it stands for: its middle (post) or all of it (pre); with `--classify value`

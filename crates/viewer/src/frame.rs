@@ -39,8 +39,8 @@ pub struct Frame {
     pub step: f32,
     /// As [`RenderSettings::goes_by_cells`](crate::state::RenderSettings::goes_by_cells).
     pub goes_by_cells: bool,
-    /// Half of what opacity is integrated along: of a step; for slices, of as much as that may be; for rays by role, of
-    /// the longest piece that what lies in a cell is cut into. 0 where a step's middle counts for all of it.
+    /// Half of what opacity is integrated along: by role, of the longest piece that what lies in a cell is cut into; else
+    /// of a step, or of as much as a slice may stand for. 0 where a step's middle counts for all of it.
     pub half_step: f32,
     /// What decides on colour and opacity.
     pub classification: Classification,
@@ -133,8 +133,8 @@ impl Frame {
         let classification = state.transfer_function.classification;
         let goes_by_cells = settings.goes_by_cells(classification);
         let half_step = match &slicing {
+            _ if goes_by_cells => half_piece(step, texel_spacing),
             Some(slicing) => slicing.longest_half_step,
-            None if goes_by_cells => half_piece(step, texel_spacing),
             None => 0.5 * step,
         };
         let planes = planes(&state.clipping, volume, [box_low, box_high]);

@@ -248,8 +248,12 @@ impl<'a> RayMarcher<'a> {
         let frame = &self.frame;
         let sampler = self.sampler();
         let mut cell = Cell::none(simd);
-        let Interval { entry, exit, cut } = frame.interval(ray);
-        let exit = exit.min(opaque.along);
+        let interval @ Interval { entry, exit, cut } = frame.interval(ray);
+        let mut exit = exit.min(opaque.along);
+        // Slices together stand for all of a ray that meets any.
+        if frame.slicing.is_some() && Samples::new(frame, ray, &interval, 0.5, opaque.along).count() == 0 {
+            exit = entry;
+        }
         let cells = CellRay::new(frame, ray);
         counts.all += cells.count([entry, exit]);
         let mut light = RayLight::new(self, ray, cut);

@@ -29,8 +29,8 @@ pub enum Integration {
 pub struct RenderSettings {
     /// Where the volume is sampled.
     pub technique: Technique,
-    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. Rays along which the
-    /// opacity of roles is integrated are cut where cells end, and between into pieces of half a step at most.
+    /// Distance between samples along a ray, or between slices, in multiples of `L_min`; positive. Where the opacity of
+    /// roles is integrated, rays are cut at the borders of cells, and between into pieces of half a step at most.
     pub step: f32,
     /// How samples stand for steps.
     pub integration: Integration,
@@ -56,9 +56,7 @@ impl RenderSettings {
     /// taken at equal distances.
     #[must_use]
     pub fn goes_by_cells(&self, classification: Classification) -> bool {
-        self.technique == Technique::Rays
-            && classification == Classification::Roles
-            && self.integration != Integration::PostClassified
+        classification == Classification::Roles && self.integration != Integration::PostClassified
     }
 }
 

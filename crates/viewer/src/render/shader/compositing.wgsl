@@ -34,21 +34,24 @@ struct Progress {
 
 // Light along a ray that goes on from where it was; it ends at what is opaque.
 fn march(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
-    if frame.classification == BY_ROLES && frame.half_step > 0.0 {
-        return march_cells(ray, opaque, start);
+    if !goes_by_cells() {
+        return march_steps(ray, first, opaque, start);
     }
-    return march_steps(ray, first, opaque, start);
+    let interval = drawn_interval(ray, inverse_direction(ray));
+    let begin = Progress(start.light, max(interval.entry, start.count), 0u);
+    return march_cells(ray, interval, begin, min(interval.exit, opaque.along));
 }
 
-// From cell to cell: what lies in each is cut into equal pieces.
-fn march_cells(ray: Ray, opaque: Opaque, start: Progress) -> Progress {
+fn goes_by_cells() -> bool {
+    return frame.classification == BY_ROLES && frame.half_step > 0.0;
+}
+
+// From cell to cell, up to an exit: what lies in each is cut into equal pieces.
+fn march_cells(ray: Ray, interval: Interval, start: Progress, exit: f32) -> Progress {
     let inverse = inverse_direction(ray);
-    let interval = drawn_interval(ray, inverse);
-    let exit = min(interval.exit, opaque.along);
     var sum = start.light;
     var wanted = 0u;
-    let begin = max(interval.entry, start.count);
-    var place = CellPlace(cell_at(ray, inverse, begin), begin);
+    var place = CellPlace(cell_at(ray, inverse, start.count), start.count);
     while place.along < exit && sum.a <= frame.termination_opacity {
         let base = vec3<i32>(place.cell);
         let empty = i32(textureLoad(occupancy, base / MACROCELL, 0).x);

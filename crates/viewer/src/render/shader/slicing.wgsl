@@ -53,6 +53,13 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
     if !piece.is_drawn {
         discard;
     }
+    if goes_by_cells() {
+        let slab = march_cells(ray, interval, Progress(vec4<f32>(0.0), piece.start, 0u), piece.end);
+        if slab.light.a <= 0.0 {
+            discard;
+        }
+        return slab.light;
+    }
     let along = 0.5 * (piece.start + piece.end);
     let position = ray.origin + along * ray.direction;
     let place = place_at(position);
