@@ -9,7 +9,7 @@ use voxrole_viewer::classify::{
 };
 use voxrole_viewer::frame::Frame;
 use voxrole_viewer::reference::roles::Roles;
-use voxrole_viewer::state::{Curve, TransferFunction};
+use voxrole_viewer::state::{Curve, Region, Shape, TransferFunction};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
 const SIDE: u32 = 256;
@@ -52,6 +52,16 @@ fn tables(criterion: &mut Criterion) {
     let ranges = MacrocellRanges::new(&volume);
     let mut group = criterion.benchmark_group("tables");
     group.bench_function("opacity by value and gradient, four regions", |bencher| bencher.iter(opacities));
+    let painted = transfer_function.regions.iter().map(|region| Region {
+        shape: Shape::Painted(region.shape.painted(region.softness)),
+        value: [0.0, 1.0],
+        gradient: [0.0, 1.0],
+        ..region.clone()
+    });
+    let painted = TransferFunction { regions: painted.collect(), ..TransferFunction::default() };
+    group.bench_function("opacity by value and gradient, four painted everywhere", |bencher| {
+        bencher.iter(|| OpacityTable::new(black_box(&painted), value_range, hit_gradient));
+    });
     group.bench_function("opacity by distance, three of them", |bencher| {
         bencher.iter(|| EmphasisTable::new(black_box(&transfer_function)));
     });

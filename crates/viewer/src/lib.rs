@@ -17,6 +17,7 @@ pub mod headless;
 pub mod open;
 pub mod picture;
 pub mod reference;
+pub mod region_args;
 pub mod render;
 pub mod scene;
 pub mod scene_args;

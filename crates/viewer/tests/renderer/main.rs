@@ -7,6 +7,7 @@ mod clipping;
 mod cpu_gpu;
 mod integration;
 mod packed_file;
+mod painted;
 mod phantom;
 mod sampling_rule;
 mod scene;
