@@ -243,8 +243,9 @@ fn a_region_is_painted_and_erased_in_the_histogram() {
     // Over everything, row by row, and the boundaries among it are drawn.
     let dark = harness.render().expect("a picture of the window");
     let pictures = harness.state().preview.pictures();
-    for row in 0..12 {
-        let y = (row as f32 + 0.5) / 12.0;
+    harness.state_mut().histogram.brush.radius = 40.0;
+    for row in 0..6 {
+        let y = (row as f32 + 0.5) / 6.0;
         drag(&mut harness, PointerButton::Primary, Modifiers::NONE, at([0.01, y]), at([0.99, y]));
     }
     assert_eq!([painted(&harness, [0.5, 0.5]), painted(&harness, [0.1, 0.95])], [1.0; 2]);
@@ -263,6 +264,7 @@ fn a_region_is_painted_and_erased_in_the_histogram() {
 
     // A click erases what is under it and nothing else; the region stays where it is.
     let start = harness.state().view.transfer_function.regions[0].clone();
+    harness.state_mut().histogram.brush.radius = 14.0;
     harness.get_by_label("Erase").click();
     settle(&mut harness);
     drag(&mut harness, PointerButton::Primary, Modifiers::NONE, at([0.5, 0.5]), at([0.5, 0.5]));
@@ -279,6 +281,24 @@ fn a_region_is_painted_and_erased_in_the_histogram() {
     assert!(regions[0].value[0] > start.value[0] && regions[0].shape != start.shape, "{regions:?}");
     let session = harness.state().view.to_toml().expect("is written");
     assert_eq!(ViewState::from_toml(&session), Ok(harness.state().view.clone()));
+}
+
+#[test]
+fn an_outline_becomes_a_painted_region_and_a_box_again() {
+    let Some(mut harness) = open() else { return };
+    harness.get_by_label("Region 1").click();
+    settle(&mut harness);
+    let start = harness.state().view.transfer_function.regions[0].clone();
+    let painted = Shape::Painted(start.shape.painted(start.softness));
+    for (choice, expected) in [("painted", painted), ("box", Shape::Box)] {
+        harness.get_by_label("Outline of region 1").click();
+        settle(&mut harness);
+        harness.get_by_label(choice).click();
+        settle(&mut harness);
+        let region = &harness.state().view.transfer_function.regions[0];
+        assert_eq!((&region.shape, region.value), (&expected, start.value));
+    }
+    assert_eq!(harness.state().view.transfer_function.regions[0], start);
 }
 
 #[test]

@@ -124,7 +124,7 @@ pub fn histogram_ui(ui: &mut Ui, panel: &mut HistogramPanel, volume: &OpenedVolu
     for (index, region) in regions.iter().enumerate() {
         let is_selected = panel.selected == Some(index);
         if let Shape::Painted(map) = &region.shape {
-            let color = theme::color32(region.color).gamma_multiply(if is_selected { 0.85 } else { 0.6 });
+            let color = theme::color32(region.color).gamma_multiply(if is_selected { 0.55 } else { 0.4 });
             panel.maps.paint(&painter, map, screen_rect([region.value, region.gradient], &area), color);
         }
         paint_region(&painter, region, &area, is_selected);
