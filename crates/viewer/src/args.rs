@@ -102,7 +102,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub gpu_memory: Option<u64>,
     /// Draw on the CPU even where there is a GPU.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "gpu_memory")]
     pub cpu: bool,
     /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings.
     /// Slices lie as they do.

@@ -25,6 +25,7 @@ pub mod slicing;
 pub mod state;
 #[cfg(feature = "window")]
 pub mod ui;
+pub mod usage;
 pub mod volume;
 
 pub use error::{Error, Result};

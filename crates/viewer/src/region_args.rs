@@ -3,12 +3,11 @@
 use std::fs::File;
 use std::io::Read;
 
+use crate::state::region::MAP_FILE;
 use crate::state::{PaintedMap, ParseError, Region, Shape};
 
 /// Longest picture that is read: more than one of [`PaintedMap::MOST_PIXELS`] takes.
 const MOST_BYTES: u64 = 128 << 20;
-/// What stands before a file's name.
-const FILE: &str = "map:";
 /// What such a name ends with.
 const EXTENSION: &str = ".png";
 
@@ -18,9 +17,9 @@ const EXTENSION: &str = ".png";
 /// # Errors
 /// [`ParseError`] for anything else, and for a file that cannot be read.
 pub fn parse_region(text: &str) -> Result<Region, ParseError> {
-    let Some(rest) = text.trim_start().strip_prefix(FILE) else { return text.parse() };
+    let Some(rest) = text.trim_start().strip_prefix(MAP_FILE) else { return text.parse() };
     let (path, form) = split_path(rest)
-        .ok_or_else(|| ParseError(format!("`{text}` is not {FILE}FILE{EXTENSION},v0:v1,g0:g1,RRGGBB[,opacity]")))?;
+        .ok_or_else(|| ParseError(format!("`{text}` is not {MAP_FILE}FILE{EXTENSION},v0:v1,g0:g1,RRGGBB[,opacity]")))?;
     let map = read_map(path).map_err(|ParseError(reason)| ParseError(format!("{path}: {reason}")))?;
     Region::from_form(Shape::Painted(map), form)
 }

@@ -10,6 +10,8 @@ use super::{ParseError, Shape, TwoSidedEmphasis, parse_number};
 
 /// What stands before a painted map.
 const PAINTED: &str = "painted:";
+/// What stands before the name of a file with one.
+pub const MAP_FILE: &str = "map:";
 
 /// A region of value and gradient magnitude at the hit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,6 +51,9 @@ impl FromStr for Region {
             "ellipse" => Self::from_form(Shape::Ellipse, rest),
             "triangle" => Self::from_form(Shape::Triangle, rest),
             "polygon" => Self::from_form(Shape::Polygon(Vec::new()), rest),
+            shape if shape.starts_with(MAP_FILE) => {
+                Err(ParseError(format!("`{shape}` is for the command line: what is kept holds the map itself")))
+            }
             shape => match shape.strip_prefix(PAINTED) {
                 Some(map) => Self::from_form(Shape::Painted(map.parse()?), rest),
                 None => Self::from_form(Shape::Box, text),
@@ -219,6 +224,7 @@ mod tests {
         for (form, expected) in [
             (format!("painted:{map},1:2,3:4,00FF00,1,0.2"), "no softness"),
             (format!("painted:{map},1:2"), "v0:v1"),
+            ("map:a.png,1:2,3:4,00FF00".to_owned(), "for the command line"),
             ("painted:AAAA,1:2,3:4,00FF00".to_owned(), "PNG"),
             ("painted:?,1:2,3:4,00FF00".to_owned(), "base64"),
         ] {

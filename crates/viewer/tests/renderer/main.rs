@@ -14,3 +14,4 @@ mod scene;
 mod shells;
 mod skipping;
 mod techniques;
+mod usage;
