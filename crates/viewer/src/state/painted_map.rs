@@ -65,15 +65,21 @@ impl PaintedMap {
     /// Weights, 0 to 1, at many places on a level, all in shares of the rectangle.
     pub fn weights_at(&self, xs: &[f32], y: f32, weights: &mut [f32]) {
         let [width, height] = self.size();
-        let (below, above, up) = neighbours(y, height);
-        let row = |row: usize| &self.weights[row * width..][..width];
-        let mut blended = [0.0; Self::MOST_SIDE];
-        for ((blended, &low), &high) in blended.iter_mut().zip(row(below)).zip(row(above)) {
+        let (below, up) = neighbour(y, height);
+        let row = |row: u8| &self.weights[usize::from(row).min(height - 1) * width..][..width];
+        // The outermost one twice: every cell has a neighbour.
+        let mut blended = [0.0; Self::MOST_SIDE + 1];
+        for ((blended, &low), &high) in blended.iter_mut().zip(row(below)).zip(row(below.saturating_add(1))) {
             *blended = mix(f32::from(low), f32::from(high), up) / 255.0;
         }
+        blended[width] = blended[width - 1];
+        // Most of what is painted is empty.
+        if blended.iter().all(|&weight| weight == 0.0) {
+            return weights.fill(0.0);
+        }
         for (&x, weight) in xs.iter().zip(weights) {
-            let (left, right, share) = neighbours(x, width);
-            *weight = mix(blended[left], blended[right], share);
+            let (left, share) = neighbour(x, width);
+            *weight = mix(blended[usize::from(left)], blended[usize::from(left) + 1], share);
         }
     }
 
@@ -156,11 +162,12 @@ impl PaintedMap {
     }
 }
 
-/// The cells whose middles lie around a place in shares of so many, and how far it lies from the first to the second.
-fn neighbours(place: f32, cells: usize) -> (usize, usize, f32) {
+/// The last of so many cells whose middle lies before a place in shares of all, and how far that lies from there to the
+/// next one's.
+fn neighbour(place: f32, cells: usize) -> (u8, f32) {
     let place = (place * cells as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
-    let first = place as usize;
-    (first, (first + 1).min(cells - 1), place - first as f32)
+    let first = place as u8;
+    (first, place - f32::from(first))
 }
 
 fn mix(low: f32, high: f32, share: f32) -> f32 {
