@@ -9,7 +9,7 @@ use voxrole_viewer::classify::{
 };
 use voxrole_viewer::frame::Frame;
 use voxrole_viewer::reference::roles::Roles;
-use voxrole_viewer::state::{Curve, TransferFunction};
+use voxrole_viewer::state::{Curve, PaintedMap, Region, Shape, TransferFunction};
 use voxrole_viewer::{ViewState, VolumeDescription, VolumeTexels};
 
 const SIDE: u32 = 256;
@@ -52,6 +52,27 @@ fn tables(criterion: &mut Criterion) {
     let ranges = MacrocellRanges::new(&volume);
     let mut group = criterion.benchmark_group("tables");
     group.bench_function("opacity by value and gradient, four regions", |bencher| bencher.iter(opacities));
+    let painted = transfer_function
+        .regions
+        .iter()
+        .map(|region| Region { shape: Shape::Painted(region.shape.painted(region.softness)), ..region.clone() });
+    let painted = TransferFunction { regions: painted.collect(), ..TransferFunction::default() };
+    group.bench_function("opacity by value and gradient, the same four painted", |bencher| {
+        bencher.iter(|| OpacityTable::new(black_box(&painted), value_range, hit_gradient));
+    });
+    let mut map = PaintedMap::blank();
+    map.stroke([0.1, 0.2], [0.5, 0.7], [0.1; 2], false);
+    map.stroke([0.5, 0.7], [0.9, 0.7], [0.1; 2], false);
+    let everywhere = Region {
+        shape: Shape::Painted(map),
+        value: [0.0, 1.0],
+        gradient: [0.0, 1.0],
+        ..transfer_function.regions[0].clone()
+    };
+    let everywhere = TransferFunction { regions: vec![everywhere], ..TransferFunction::default() };
+    group.bench_function("opacity by value and gradient, a stroke over everything", |bencher| {
+        bencher.iter(|| OpacityTable::new(black_box(&everywhere), value_range, hit_gradient));
+    });
     group.bench_function("opacity by distance, three of them", |bencher| {
         bencher.iter(|| EmphasisTable::new(black_box(&transfer_function)));
     });

@@ -8,6 +8,7 @@ use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
+use crate::region_args::parse_region;
 use crate::scene_args::SceneArgs;
 use crate::state::color::parse_color;
 use crate::state::{Camera, Classification, ClipPlane, Crop, Curve, Integration, Region, Technique, TwoSidedEmphasis};
@@ -102,7 +103,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub gpu_memory: Option<u64>,
     /// Draw on the CPU even where there is a GPU.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "gpu_memory")]
     pub cpu: bool,
     /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings. Only
     /// with `--integration post` or `--classify value|stored`: rays that are integrated by role miss nothing, and slices
@@ -144,10 +145,12 @@ pub struct ViewArgs {
     /// Draw the boundaries with these values and gradient magnitudes in this colour; may be given several times.
     /// Without any, regions are proposed from the histogram and printed in this form. Behind an @ stands the opacity by
     /// distance of this region alone, as for --alpha. In front may stand `ellipse,` or `triangle,`; `polygon,v:g,v:g,v:g,...,RRGGBB`
-    /// names its corners.
+    /// names its corners, and `map:FILE.png,` a picture of weights, value to the right and gradient magnitude upwards: its
+    /// opacities, or where all is opaque its grey levels, white the largest.
     #[arg(
         long = "region",
         value_name = "[SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]",
+        value_parser = parse_region,
         allow_hyphen_values = true
     )]
     pub regions: Vec<Region>,

@@ -16,6 +16,7 @@ use voxrole_preprocess::{Grid, prepare};
 
 use crate::args::DemoArgs;
 use crate::headless::{self, write};
+use crate::usage::refuse_if;
 
 /// Edge of the demo's own phantom, in voxels.
 const PHANTOM_EDGE: u32 = 128;
@@ -26,6 +27,9 @@ const PHANTOM_EDGE: u32 = 128;
 /// When the input cannot be read or the output folder cannot be written to.
 pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let folder = &arguments.output;
+    let typed = arguments.raw.read_options().typed();
+    let is_phantom = arguments.input.is_none();
+    refuse_if(is_phantom && !typed.is_empty(), format!("the demo's own phantom is not read: leave {typed} out"))?;
     fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     let grid = match &arguments.input {
         Some(path) => read_volume(path, &arguments.raw.read_options())?,

@@ -16,7 +16,8 @@ use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
-use crate::state::{Camera, Classification, Clipping, Region, TransferFunction, ViewState};
+use crate::state::{Camera, Classification, Region, TransferFunction, ViewState};
+use crate::usage::{check_render, check_view, refuse_if};
 use crate::volume::VolumeTexels;
 
 /// Pictures of an animation shown each second.
@@ -41,6 +42,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         settings.leaps = false;
         settings.termination_opacity = 1.0;
     }
+    check_render(arguments, &state)?;
     let start = Instant::now();
     let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), arguments.view.level, &mut state)?;
     let volume = Arc::new(volume);
@@ -95,21 +97,18 @@ impl<'a> Outputs<'a> {
         if !is_animation && !is_named(output, "png") {
             bail!("{}: what is written is png, or apng for an animation; name it so", output.display());
         }
-        ensure!(!is_animation || *bits == Bits::Eight, "{}: animations have 8 bits a channel", output.display());
+        let is_deep = *bits == Bits::Sixteen;
+        refuse_if(is_animation && is_deep, format!("{}: animations have 8 bits a channel", output.display()))?;
         if let Some(path) = depth {
             ensure!(is_named(path, "npy"), "{}: what is written is npy; name it so", path.display());
-            ensure!(frames.is_none() && !is_animation, "--depth is that of one picture: draw one, without --frames");
+            let several = frames.is_some() || is_animation;
+            refuse_if(several, "--depth is that of one picture: draw one, without --frames")?;
         }
         if let Some(path) = save_session {
             ensure!(is_named(path, "toml"), "{}: what is written is toml; name it so", path.display());
         }
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
-        let outputs = Self {
-            arguments,
-            is_animation,
-            need_light: *bits == Bits::Sixteen || *transparent || depth.is_some(),
-            frames,
-        };
+        let outputs = Self { arguments, is_animation, need_light: is_deep || *transparent || depth.is_some(), frames };
         let mut paths = outputs.paths();
         paths.extend(depth.iter().chain(save_session).cloned());
         let mut inputs = vec![arguments.file.as_path()];
@@ -225,7 +224,6 @@ pub fn read_what_is_drawn(
 ) -> anyhow::Result<VolumeTexels> {
     let named = || file.display().to_string();
     if state.transfer_function.classification == Classification::Stored {
-        ensure!(level == 0, "{}: stored opacities have no level {level}: their last is 0", named());
         return read_stored(file, options);
     }
     let opened = open_or_prepare(file, options)?;
@@ -236,7 +234,7 @@ pub fn read_what_is_drawn(
 /// The session, or else the defaults, with everything that was typed in its place.
 ///
 /// # Errors
-/// When the session cannot be read, or too much is asked for.
+/// When the session cannot be read; as [`check_view`].
 pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
     let ViewState { camera, transfer_function, clipping, render_settings, scene } = &mut state;
@@ -245,7 +243,6 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
         // So that a session that is saved can be opened from anywhere.
         mesh.path = std::path::absolute(&mesh.path).unwrap_or_else(|_| (&mesh.path).into()).display().to_string();
     }
-    scene.check()?;
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
         if let Some(typed) = typed {
             place.clone_from(typed);
@@ -263,11 +260,10 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     if !arguments.planes.is_empty() {
         clipping.planes.clone_from(&arguments.planes);
     }
-    let (planes, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
-    ensure!(planes <= most, "expected at most {most} planes that cut, found {planes}");
     if !arguments.regions.is_empty() {
         transfer_function.regions.clone_from(&arguments.regions);
     }
+    check_view(arguments, &state)?;
     Ok(state)
 }
 
@@ -281,7 +277,6 @@ fn propose_where_needed(state: &mut ViewState, reader: &Reader) -> anyhow::Resul
             regions.iter().try_for_each(|region| print(&format!("--region {region}\n")))?;
             Ok(())
         }
-        Classification::Value if !has_curve => bail!("what is drawn by value alone needs a `--curve`"),
         Classification::Roles | Classification::Value | Classification::Stored => Ok(()),
     }
 }

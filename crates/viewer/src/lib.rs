@@ -18,6 +18,7 @@ pub mod headless;
 pub mod open;
 pub mod picture;
 pub mod reference;
+pub mod region_args;
 pub mod render;
 pub mod scene;
 pub mod scene_args;
@@ -25,6 +26,7 @@ pub mod slicing;
 pub mod state;
 #[cfg(feature = "window")]
 pub mod ui;
+pub mod usage;
 pub mod volume;
 
 pub use error::{Error, Result};

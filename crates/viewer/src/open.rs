@@ -34,6 +34,8 @@ pub struct Opened {
 pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Opened> {
     let named = || path.display().to_string();
     if is_packed(path)? {
+        let typed = options.typed();
+        ensure!(typed.is_empty(), "{}: what is packed is read as it is: leave {typed} out", named());
         return Ok(Opened { reader: Reader::open(path).with_context(named)?, _prepared: None });
     }
     let grid = read_volume(path, options)?;

@@ -15,7 +15,7 @@ use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::gpu_or_skip;
-use voxrole_viewer::state::{Camera, Classification, EmphasisKind, Integration, Shape, Technique};
+use voxrole_viewer::state::{Camera, Classification, EmphasisKind, Integration, Region, Shape, Technique};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::ui::refinement::Detail;
@@ -224,6 +224,81 @@ fn regions_are_dragged_resized_drawn_and_removed_in_the_histogram() {
     harness.key_press(egui::Key::Delete);
     settle(&mut harness);
     assert_eq!(harness.state().view.transfer_function.regions, [resized]);
+}
+
+#[test]
+fn a_region_is_painted_and_erased_in_the_histogram() {
+    let Some(mut harness) = open() else { return };
+    harness.state_mut().view.transfer_function.regions.clear();
+    settle(&mut harness);
+    harness.get_by_label("Paint").click();
+    settle(&mut harness);
+    let area = plot_area(&harness);
+    let painted = |harness: &Harness<'_, ViewerWindow>, place: [f32; 2]| {
+        let regions = &harness.state().view.transfer_function.regions;
+        let [Region { shape: Shape::Painted(map), .. }] = regions.as_slice() else { panic!("{regions:?}") };
+        map.weight_at(place)
+    };
+    let at = |[x, y]: [f32; 2]| area.rect.lerp_inside(vec2(x, 1.0 - y));
+    // Over everything, row by row, and the boundaries among it are drawn.
+    let dark = harness.render().expect("a picture of the window");
+    let pictures = harness.state().preview.pictures();
+    harness.state_mut().histogram.brush.radius = 40.0;
+    for row in 0..6 {
+        let y = (row as f32 + 0.5) / 6.0;
+        drag(&mut harness, PointerButton::Primary, Modifiers::NONE, at([0.01, y]), at([0.99, y]));
+    }
+    assert_eq!([painted(&harness, [0.5, 0.5]), painted(&harness, [0.1, 0.95])], [1.0; 2]);
+    assert_eq!(harness.state().histogram.selected, Some(0));
+    assert!(harness.state().preview.pictures() > pictures, "the picture follows");
+    let lit = harness.render().expect("a picture of the window");
+    let picture = rect_of(&harness, PICTURE);
+    let middle = Rect::from_center_size(picture.center().round(), Vec2::splat(100.0));
+    let mut changed = 0;
+    for y in middle.top() as u32..middle.bottom() as u32 {
+        for x in middle.left() as u32..middle.right() as u32 {
+            changed += u32::from(dark.get_pixel(x, y) != lit.get_pixel(x, y));
+        }
+    }
+    assert!(changed > 5000, "{changed} of 10000 pixels");
+
+    // A click erases what is under it and nothing else; the region stays where it is.
+    let start = harness.state().view.transfer_function.regions[0].clone();
+    harness.state_mut().histogram.brush.radius = 14.0;
+    harness.get_by_label("Erase").click();
+    settle(&mut harness);
+    drag(&mut harness, PointerButton::Primary, Modifiers::NONE, at([0.5, 0.5]), at([0.5, 0.5]));
+    assert_eq!([painted(&harness, [0.5, 0.5]), painted(&harness, [0.2, 0.5])], [0.0, 1.0]);
+    let regions = &harness.state().view.transfer_function.regions;
+    assert_eq!((regions[0].value, regions[0].gradient), (start.value, start.gradient));
+
+    // Dragged by what is painted; free ground draws another region, under the map as well.
+    harness.get_by_label("Outline").click();
+    settle(&mut harness);
+    harness.state_mut().histogram.selected = None;
+    drag(&mut harness, PointerButton::Primary, Modifiers::NONE, at([0.2, 0.5]), at([0.3, 0.5]));
+    let regions = &harness.state().view.transfer_function.regions;
+    assert!(regions[0].value[0] > start.value[0] && regions[0].shape != start.shape, "{regions:?}");
+    let session = harness.state().view.to_toml().expect("is written");
+    assert_eq!(ViewState::from_toml(&session), Ok(harness.state().view.clone()));
+}
+
+#[test]
+fn an_outline_becomes_a_painted_region_and_a_box_again() {
+    let Some(mut harness) = open() else { return };
+    harness.get_by_label("Region 1").click();
+    settle(&mut harness);
+    let start = harness.state().view.transfer_function.regions[0].clone();
+    let painted = Shape::Painted(start.shape.painted(start.softness));
+    for (choice, expected) in [("painted", painted), ("box", Shape::Box)] {
+        harness.get_by_label("Outline of region 1").click();
+        settle(&mut harness);
+        harness.get_by_label(choice).click();
+        settle(&mut harness);
+        let region = &harness.state().view.transfer_function.regions[0];
+        assert_eq!((&region.shape, region.value), (&expected, start.value));
+    }
+    assert_eq!(harness.state().view.transfer_function.regions[0], start);
 }
 
 #[test]

@@ -37,11 +37,11 @@ impl OpacityTable {
         let curve: Vec<_> = middles.filter_map(|value| curve.at(value)).collect();
         let axes = [(value_range, VALUE_BINS), ([hit_gradient.low, hit_gradient.high].map(f64::from), GRADIENT_BINS)];
         let mut own_emphases = 0;
-        let painted = regions.iter().map(|region| {
+        let binned = regions.iter().map(|region| {
             own_emphases += u16::from(region.emphasis.is_some());
-            PaintedRegion::new(region, if region.emphasis.is_some() { own_emphases } else { 0 }, axes)
+            BinnedRegion::new(region, if region.emphasis.is_some() { own_emphases } else { 0 }, axes)
         });
-        let painted: Vec<_> = painted.collect();
+        let binned: Vec<_> = binned.collect();
         let mut table =
             Self { entries: vec![[0; 4]; VALUE_BINS * GRADIENT_BINS], emphases: vec![0; VALUE_BINS * GRADIENT_BINS] };
         let rows = table.entries.par_chunks_exact_mut(VALUE_BINS).zip(table.emphases.par_chunks_exact_mut(VALUE_BINS));
@@ -51,7 +51,7 @@ impl OpacityTable {
             for (sum, &(color, opacity)) in sums.iter_mut().zip(&curve) {
                 sum.add(color, 0, opacity);
             }
-            painted.iter().for_each(|region| region.paint(row, &mut sums));
+            binned.iter().for_each(|region| region.add_to(row, &mut sums));
             for ((sum, entry), emphasis) in sums.iter().zip(entries).zip(emphases) {
                 if sum.weight > 0.0 {
                     (*entry, *emphasis) = (sum.entry(), sum.emphasis);
@@ -140,7 +140,7 @@ pub(crate) fn gradient_bin(stored: u16) -> usize {
 }
 
 /// A region over the bins.
-struct PaintedRegion<'a> {
+struct BinnedRegion<'a> {
     region: &'a Region,
     /// Which αd is its own.
     emphasis: u16,
@@ -153,7 +153,7 @@ struct PaintedRegion<'a> {
     bins: Range<usize>,
 }
 
-impl<'a> PaintedRegion<'a> {
+impl<'a> BinnedRegion<'a> {
     /// `axes`: the range of value and that of gradient magnitude, and into how many bins each is cut.
     fn new(region: &'a Region, emphasis: u16, axes: [([f64; 2], usize); 2]) -> Self {
         let extents = [region.value, region.gradient];
@@ -162,13 +162,16 @@ impl<'a> PaintedRegion<'a> {
             .iter()
             .zip(axes)
             .any(|(extent, (range, bins))| f64::from(extent[1] - extent[0]) < (range[1] - range[0]) / bins as f64);
-        let is_rectangle = region.shape == Shape::Box || is_narrow;
+        let is_painted = matches!(region.shape, Shape::Painted(_));
+        let is_rectangle = region.shape == Shape::Box || (is_narrow && !is_painted);
         let places = [0, 1].map(|axis: usize| {
             let (extent, (range, bins)) = (extents[axis], axes[axis]);
             if is_rectangle {
                 axis_weights(extent, region.softness, range, bins)
+            } else if is_painted {
+                axis_shares(widened(extent, range, bins), range, bins)
             } else {
-                axis_shares(extent, range, bins)
+                axis_shares(extent.map(f64::from), range, bins)
             }
         });
         let is_inside = |&place: &f32| if is_rectangle { place > 0.0 } else { (0.0..=1.0).contains(&place) };
@@ -178,7 +181,7 @@ impl<'a> PaintedRegion<'a> {
     }
 
     /// Adds the region to a row of bins.
-    fn paint(&self, row: usize, sums: &mut [RegionSum]) {
+    fn add_to(&self, row: usize, sums: &mut [RegionSum]) {
         let Self { region, emphasis, bins, places: [values, gradients], .. } = self;
         let gradient = gradients[row];
         let (sums, values) = (&mut sums[bins.clone()], &values[bins.clone()]);
@@ -189,11 +192,10 @@ impl<'a> PaintedRegion<'a> {
                 }
             }
         } else if (0.0..=1.0).contains(&gradient) {
-            let mut depths = [0.0; VALUE_BINS];
-            let depths = &mut depths[..values.len()];
-            region.shape.depths(values, gradient, depths);
-            for (sum, &depth) in sums.iter_mut().zip(&*depths).filter(|(_, depth)| **depth >= 0.0) {
-                let weight = if region.softness > 0.0 { (depth / region.softness).min(1.0) } else { 1.0 };
+            let mut weights = [0.0; VALUE_BINS];
+            let weights = &mut weights[..values.len()];
+            region.shape.weights(region.softness, values, gradient, weights);
+            for (sum, &weight) in sums.iter_mut().zip(&*weights).filter(|(_, weight)| **weight > 0.0) {
                 sum.add(region.color, *emphasis, region.opacity * weight);
             }
         }
@@ -202,14 +204,10 @@ impl<'a> PaintedRegion<'a> {
 
 /// How far each bin's middle lies inside a region along one axis, 0 to 1.
 fn axis_weights(extent: [f32; 2], softness: f32, range: [f64; 2], bins: usize) -> Vec<f32> {
-    let [mut low, mut high] = extent.map(f64::from);
     let bin_width = (range[1] - range[0]) / bins as f64;
-    let mut fade = f64::from(softness.clamp(0.0, 0.5)) * (high - low);
-    if high - low < bin_width {
-        // A region between two bins' middles must not be lost, not even by rounding.
-        let (middle, half) = (0.5 * (low + high), (0.5 + 1e-3) * bin_width);
-        [low, high, fade] = [middle - half, middle + half, 0.0];
-    }
+    let [low, high] = widened(extent, range, bins);
+    let is_wider = high - low > f64::from(extent[1]) - f64::from(extent[0]);
+    let fade = if is_wider { 0.0 } else { f64::from(softness.clamp(0.0, 0.5)) * (high - low) };
     (0..bins)
         .map(|bin| {
             let inside = {
@@ -226,10 +224,20 @@ fn axis_weights(extent: [f32; 2], softness: f32, range: [f64; 2], bins: usize) -
 }
 
 /// Where each bin's middle lies in a region along one axis: 0 at its lower end, 1 at its upper one.
-fn axis_shares([low, high]: [f32; 2], range: [f64; 2], bins: usize) -> Vec<f32> {
+fn axis_shares([low, high]: [f64; 2], range: [f64; 2], bins: usize) -> Vec<f32> {
     let width = (range[1] - range[0]) / bins as f64;
-    let (low, extent) = (f64::from(low), f64::from(high) - f64::from(low));
-    (0..bins).map(|bin| (((bin as f64 + 0.5).mul_add(width, range[0]) - low) / extent) as f32).collect()
+    (0..bins).map(|bin| (((bin as f64 + 0.5).mul_add(width, range[0]) - low) / (high - low)) as f32).collect()
+}
+
+/// An extent, or a bin's width around it: a region between two bins' middles must not be lost, not even by rounding.
+fn widened(extent: [f32; 2], range: [f64; 2], bins: usize) -> [f64; 2] {
+    let [low, high] = extent.map(f64::from);
+    let bin_width = (range[1] - range[0]) / bins as f64;
+    if high - low >= bin_width {
+        return [low, high];
+    }
+    let (middle, half) = (0.5 * (low + high), (0.5 + 1e-3) * bin_width);
+    [middle - half, middle + half]
 }
 
 /// What the regions say of one bin.
@@ -263,7 +271,7 @@ impl RegionSum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::Region;
+    use crate::state::{PaintedMap, Region};
 
     const HIT_GRADIENT: HitGradientQuantization =
         HitGradientQuantization { low: 10.0, high: 50.0, steps: HitGradientQuantization::MOST_STEPS };
@@ -329,6 +337,37 @@ mod tests {
         // Narrower than a bin, and not lost.
         let narrow = of("ellipse,501.9:502.1,20:40,FFFFFF");
         assert_eq!(at(&narrow, 502.0, 30.0)[3], 1.0);
+    }
+
+    #[test]
+    fn a_painted_map_weighs_the_opacity_of_its_rectangle() {
+        let mut map = PaintedMap::blank();
+        map.stroke([0.2, 0.75], [0.8, 0.75], [0.1, 0.1], false);
+        let painted = |value| Region {
+            shape: Shape::Painted(map.clone()),
+            ..region(value, [20.0, 40.0], [0.0, 1.0, 0.0], 0.8, 0.0)
+        };
+        let table = table_of(&[painted([0.0, 1000.0])], VALUE_RANGE, HIT_GRADIENT);
+        for (value, gradient, expected) in [
+            (500.0, 35.0, 0.8),
+            (250.0, 35.5, 0.8),
+            // Halfway through the brush's soft half.
+            (500.0, 36.5, 0.4),
+            (500.0, 32.0, 0.0),
+            (500.0, 25.0, 0.0),
+            (50.0, 35.0, 0.0),
+            (-50.0, 35.0, 0.0),
+            (500.0, 45.0, 0.0),
+        ] {
+            let [_, green, _, opacity] = at(&table, value, gradient);
+            assert!((opacity - expected).abs() < 0.03, "{value} {gradient}: {opacity}");
+            assert!(green == 1.0 || opacity == 0.0);
+        }
+        // Narrower than a bin, and not lost; where nothing is painted there is nothing still.
+        let narrow = table_of(&[painted([501.9, 502.1])], VALUE_RANGE, HIT_GRADIENT);
+        assert!((at(&narrow, 502.0, 35.0)[3] - 0.8).abs() < 0.01 && at(&narrow, 502.0, 25.0)[3] == 0.0);
+        let everywhere = [painted([f32::MIN, f32::MAX])];
+        assert!((at(&table_of(&everywhere, VALUE_RANGE, HIT_GRADIENT), 0.0, 35.0)[3] - 0.8).abs() < 0.01);
     }
 
     #[test]

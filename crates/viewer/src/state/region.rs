@@ -8,6 +8,11 @@ use serde::{Deserialize, Serialize};
 use super::color::{format_color, parse_color};
 use super::{ParseError, Shape, TwoSidedEmphasis, parse_number};
 
+/// What stands before a painted map.
+const PAINTED: &str = "painted:";
+/// What stands before the name of a file with one.
+pub const MAP_FILE: &str = "map:";
+
 /// A region of value and gradient magnitude at the hit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
@@ -22,7 +27,8 @@ pub struct Region {
     pub color: [f32; 3],
     /// Opacity αu in the region's middle for a path of `L_min`, 0 to 1.
     pub opacity: f32,
-    /// Share of each extent over which the opacity fades to zero, at both ends and inwards; 0 to 0.5.
+    /// Share of each extent over which the opacity fades to zero, at both ends and inwards; 0 to 0.5. A painted map is as
+    /// soft as it is painted, whatever this is.
     pub softness: f32,
     /// Opacity by distance of its boundaries alone.
     pub emphasis: Option<TwoSidedEmphasis>,
@@ -37,21 +43,38 @@ impl FromStr for Region {
     type Err = ParseError;
 
     /// `[SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]`, where the shape is `box`, `ellipse` or `triangle`, or
-    /// `polygon,v:g,v:g,v:g,...,RRGGBB...` by its corners; opacity 1 where none is given.
+    /// `polygon,v:g,v:g,v:g,...,RRGGBB...` by its corners, or `painted:BASE64` by a picture; opacity 1 where none is given.
     fn from_str(text: &str) -> Result<Self, ParseError> {
-        let (region, emphasis) = match text.split_once('@') {
+        let (shape, rest) = text.split_once(',').unwrap_or((text, ""));
+        match shape.trim() {
+            "box" => Self::from_form(Shape::Box, rest),
+            "ellipse" => Self::from_form(Shape::Ellipse, rest),
+            "triangle" => Self::from_form(Shape::Triangle, rest),
+            "polygon" => Self::from_form(Shape::Polygon(Vec::new()), rest),
+            shape if shape.starts_with(MAP_FILE) => {
+                Err(ParseError(format!("`{shape}` is for the command line: what is kept holds the map itself")))
+            }
+            shape => match shape.strip_prefix(PAINTED) {
+                Some(map) => Self::from_form(Shape::Painted(map.parse()?), rest),
+                None => Self::from_form(Shape::Box, text),
+            },
+        }
+    }
+}
+
+impl Region {
+    /// A region of this shape by the form behind it, `v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n]`; a polygon's
+    /// begins with its corners, a painted map's has no softness.
+    ///
+    /// # Errors
+    /// [`ParseError`] for anything else.
+    pub fn from_form(shape: Shape, form: &str) -> Result<Self, ParseError> {
+        let (region, emphasis) = match form.split_once('@') {
             Some((region, emphasis)) => (region, Some(emphasis.parse()?)),
-            None => (text, None),
+            None => (form, None),
         };
         let parts: Vec<&str> = region.split(',').map(str::trim).collect();
-        let (shape, parts) = match parts.as_slice() {
-            ["box", rest @ ..] => (Shape::Box, rest),
-            ["ellipse", rest @ ..] => (Shape::Ellipse, rest),
-            ["triangle", rest @ ..] => (Shape::Triangle, rest),
-            ["polygon", rest @ ..] => (Shape::Polygon(Vec::new()), rest),
-            rest => (Shape::Box, rest),
-        };
-        let (shape, [value, gradient], rest) = match (shape, parts) {
+        let (shape, [value, gradient], rest) = match (shape, parts.as_slice()) {
             (Shape::Polygon(_), parts) => {
                 let corners = parts.iter().take_while(|part| part.contains(':')).count();
                 let (shape, ranges) = parse_corners(&parts[..corners])?;
@@ -60,22 +83,29 @@ impl FromStr for Region {
             (shape, [value, gradient, rest @ ..]) => {
                 (shape, [parse_range(value, "value")?, parse_range(gradient, "gradient magnitude")?], rest)
             }
-            _ => return Err(usage(text)),
+            _ => return Err(usage(form)),
         };
-        let [color, rest @ ..] = rest else { return Err(usage(text)) };
+        let [color, rest @ ..] = rest else { return Err(usage(form)) };
         let (opacity, softness) = match rest {
             [] => ("1", None),
             [opacity] => (*opacity, None),
             [opacity, softness] => (*opacity, Some(*softness)),
-            _ => return Err(usage(text)),
+            _ => return Err(usage(form)),
         };
+        if let (Shape::Painted(_), Some(_)) = (&shape, softness) {
+            return Err(ParseError("a painted map has no softness: it is as soft as it is painted".into()));
+        }
         let region = Self {
+            softness: match (&shape, softness) {
+                (Shape::Painted(_), _) => 0.0,
+                (_, Some(softness)) => parse_number(softness, "softness")?,
+                (_, None) => Self::DEFAULT_SOFTNESS,
+            },
             shape,
             value,
             gradient,
             color: parse_color(color)?,
             opacity: parse_number(opacity, "opacity")?,
-            softness: softness.map_or(Ok(Self::DEFAULT_SOFTNESS), |softness| parse_number(softness, "softness"))?,
             emphasis,
         };
         if !(0.0..=1.0).contains(&region.opacity) {
@@ -88,9 +118,9 @@ impl FromStr for Region {
     }
 }
 
-fn usage(text: &str) -> ParseError {
+fn usage(form: &str) -> ParseError {
     ParseError(format!(
-        "`{text}` is not [SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n] such as 80:255,10:40,E69F00,0.5 or \
+        "`{form}` is not [SHAPE,]v0:v1,g0:g1,RRGGBB[,opacity[,softness]][@KIND,a,dc,n] such as 80:255,10:40,E69F00,0.5 or \
          ellipse,80:255,10:40,E69F00, nor polygon,v:g,v:g,v:g,...,RRGGBB[,...]"
     ))
 }
@@ -145,9 +175,10 @@ impl fmt::Display for Region {
                     write!(formatter, ",{}:{}", v0 + x * (v1 - v0), g0 + y * (g1 - g0))?;
                 }
             }
+            Shape::Painted(map) => write!(formatter, "{PAINTED}{map},{v0}:{v1},{g0}:{g1}")?,
         }
         write!(formatter, ",{},{}", format_color(self.color), self.opacity)?;
-        if self.softness != Self::DEFAULT_SOFTNESS {
+        if self.softness != Self::DEFAULT_SOFTNESS && !matches!(self.shape, Shape::Painted(_)) {
             write!(formatter, ",{}", self.softness)?;
         }
         if let Some(emphasis) = self.emphasis {
@@ -160,6 +191,7 @@ impl fmt::Display for Region {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::PaintedMap;
 
     #[test]
     fn typed_forms_survive_the_round_trip() {
@@ -179,6 +211,26 @@ mod tests {
         let region: Region = "1:2,3:4,00ff00".parse().expect("a region");
         assert_eq!((region.value, region.gradient, region.opacity), ([1.0, 2.0], [3.0, 4.0], 1.0));
         assert_eq!(region.softness, Region::DEFAULT_SOFTNESS);
+    }
+
+    #[test]
+    fn a_painted_map_is_kept_with_its_place() {
+        let mut map = PaintedMap::blank();
+        map.stroke([0.1, 0.2], [0.8, 0.9], [0.1, 0.05], false);
+        let typed = format!("painted:{map},-1:2,3:4,00FF00,0.25@concave,1,2,7");
+        let region: Region = typed.parse().expect("a region");
+        assert_eq!((&region.shape, region.value, region.opacity), (&Shape::Painted(map.clone()), [-1.0, 2.0], 0.25));
+        assert_eq!(region.to_string().parse(), Ok(region));
+        for (form, expected) in [
+            (format!("painted:{map},1:2,3:4,00FF00,1,0.2"), "no softness"),
+            (format!("painted:{map},1:2"), "v0:v1"),
+            ("map:a.png,1:2,3:4,00FF00".to_owned(), "for the command line"),
+            ("painted:AAAA,1:2,3:4,00FF00".to_owned(), "PNG"),
+            ("painted:?,1:2,3:4,00FF00".to_owned(), "base64"),
+        ] {
+            let message = form.parse::<Region>().expect_err("is refused").to_string();
+            assert!(message.contains(expected) && message.len() < 400, "{message}");
+        }
     }
 
     #[test]

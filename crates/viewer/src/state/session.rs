@@ -23,7 +23,7 @@ impl ViewState {
     /// # Errors
     /// [`ParseError`] with the line of what is not understood.
     pub fn from_toml(text: &str) -> Result<Self, ParseError> {
-        let state: Self = toml::from_str(text).map_err(|error| ParseError(error.to_string().trim_end().to_owned()))?;
+        let state: Self = toml::from_str(text).map_err(|error| ParseError(shortened(&error.to_string())))?;
         state.check()?;
         Ok(state)
     }
@@ -68,6 +68,16 @@ impl ViewState {
     }
 }
 
+/// A message without the rest of lines that are too long to be read, as those of painted maps are.
+fn shortened(message: &str) -> String {
+    const MOST: usize = 160;
+    let lines = message.trim_end().lines().map(|line| match line.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", &line[..end]),
+        None => line.to_owned(),
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
 /// Files hold these as they are typed.
 macro_rules! written_as_typed {
     ($($kind:ty),*) => {$(
@@ -92,7 +102,7 @@ written_as_typed!(ClipPlane, Crop, Curve, Isosurface, MeshFile, Region, TwoSided
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::{Integration, Projection, Technique};
+    use crate::state::{Integration, PaintedMap, Projection, Technique};
 
     #[test]
     fn everything_survives_the_round_trip() {
@@ -104,6 +114,10 @@ mod tests {
             "1:2,3:4,00ff00,0.5,0@linear,1,2".parse().expect("a region"),
         ];
         state.transfer_function.emphasis = "concave,1,3,5/linear,0.2,8".parse().expect("an emphasis");
+        let mut map = PaintedMap::blank();
+        map.stroke([0.1, 0.2], [0.8, 0.9], [0.1, 0.05], false);
+        let painted = format!("painted:{map},1:2,3:4,00FF00,0.5@linear,1,2");
+        state.transfer_function.regions.push(painted.parse().expect("a region"));
         state.clipping.crop = "10:,:,:40.5".parse().expect("a crop");
         state.clipping.planes = vec!["30,20,0.1".parse().expect("a plane")];
         state.render_settings.technique = Technique::Stacks;
@@ -147,5 +161,9 @@ mod tests {
             let message = ViewState::from_toml(text).expect_err(text).to_string();
             assert!(message.contains(expected), "{message}");
         }
+        let map = "A".repeat(80_000);
+        let text = format!("[transfer_function]\nregions = [\"painted:{map},1:2,3:4,00FF00\"]\n");
+        let message = ViewState::from_toml(&text).expect_err("is no map").to_string();
+        assert!(message.contains("a map is a PNG") && message.len() < 1000, "{message}");
     }
 }

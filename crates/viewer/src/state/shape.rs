@@ -1,5 +1,7 @@
 //! The outline of a region inside the rectangle that it spans.
 
+use super::PaintedMap;
+
 /// An outline in shares of the rectangle: value to the right, gradient magnitude upwards, each 0 to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Shape {
@@ -13,6 +15,8 @@ pub enum Shape {
     Triangle,
     /// Any outline of at least three corners, which may cross itself: inside is what it winds around an odd number of times.
     Polygon(Vec<[f32; 2]>),
+    /// No outline: a weight for every place.
+    Painted(PaintedMap),
 }
 
 impl Shape {
@@ -21,30 +25,40 @@ impl Shape {
     pub fn corners(&self) -> &[[f32; 2]] {
         const TRIANGLE: [[f32; 2]; 3] = [[0.5, 0.0], [1.0, 1.0], [0.0, 1.0]];
         match self {
-            Self::Box | Self::Ellipse => &[],
+            Self::Box | Self::Ellipse | Self::Painted(_) => &[],
             Self::Triangle => &TRIANGLE,
             Self::Polygon(corners) => corners,
         }
     }
 
-    /// How far a place lies inside the outline, in shares of the rectangle; negative outside.
-    #[must_use]
-    pub fn depth(&self, [x, y]: [f32; 2]) -> f32 {
-        let mut depth = [0.0];
-        self.depths(&[x], y, &mut depth);
-        depth[0]
-    }
-
-    /// The same for many places on a level.
-    pub fn depths(&self, xs: &[f32], y: f32, depths: &mut [f32]) {
-        let places = xs.iter().zip(depths.iter_mut());
+    /// The share, 0 to 1, of the region's opacity at many places on a level.
+    ///
+    /// `softness`: over how much of the rectangle it rises inwards from an outline to all of it, as [`super::Region::softness`]; a
+    /// painted map is as soft as it is painted.
+    pub fn weights(&self, softness: f32, xs: &[f32], y: f32, weights: &mut [f32]) {
+        let places = xs.iter().zip(weights.iter_mut());
+        // How far they lie inside, in shares of the rectangle; negative outside.
         match self {
             Self::Box => places.for_each(|(x, depth)| *depth = x.min(1.0 - x).min(y).min(1.0 - y)),
             Self::Ellipse => places.for_each(|(x, depth)| {
                 *depth = 0.5 * (1.0 - squared_length(2.0 * x - 1.0, 2.0 * y - 1.0).sqrt());
             }),
-            Self::Triangle | Self::Polygon(_) => polygon_depths(self.corners(), xs, y, depths),
+            Self::Triangle | Self::Polygon(_) => polygon_depths(self.corners(), xs, y, weights),
+            Self::Painted(map) => return map.weights_at(xs, y, weights),
         }
+        for weight in weights {
+            *weight = match (*weight < 0.0, softness > 0.0) {
+                (true, _) => 0.0,
+                (false, true) => (*weight / softness).min(1.0),
+                (false, false) => 1.0,
+            };
+        }
+    }
+
+    /// The same as a painted map.
+    #[must_use]
+    pub fn painted(&self, softness: f32) -> PaintedMap {
+        PaintedMap::of(|xs, y, weights| self.weights(softness, xs, y, weights))
     }
 }
 
@@ -78,19 +92,45 @@ fn squared_length(x: f32, y: f32) -> f32 {
 mod tests {
     use super::*;
 
+    /// How far a place lies inside; 0 outside.
+    fn depth(shape: &Shape, [x, y]: [f32; 2]) -> f32 {
+        let mut weight = [0.0];
+        shape.weights(0.5, &[x], y, &mut weight);
+        0.5 * weight[0]
+    }
+
     #[test]
     fn depths_are_those_of_geometry() {
         let square = Shape::Polygon(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
-        for place in [[0.5, 0.5], [0.1, 0.4], [0.9, 0.95], [-0.25, 0.5], [0.5, 1.5]] {
-            assert!((square.depth(place) - Shape::Box.depth(place)).abs() < 1e-6, "{place:?}");
+        for (place, expected) in
+            [([0.5, 0.5], 0.5), ([0.1, 0.4], 0.1), ([0.9, 0.95], 0.05), ([-0.25, 0.5], 0.0), ([0.5, 1.5], 0.0)]
+        {
+            for shape in [&square, &Shape::Box] {
+                assert!((depth(shape, place) - expected).abs() < 1e-6, "{shape:?} {place:?}");
+            }
         }
-        assert_eq!(Shape::Ellipse.depth([0.5, 0.5]), 0.5);
-        assert!(Shape::Ellipse.depth([0.0, 0.5]).abs() < 1e-6 && Shape::Ellipse.depth([0.05, 0.05]) < 0.0);
-        assert!(Shape::Triangle.depth([0.5, 0.4]) > 0.0 && Shape::Triangle.depth([0.1, 0.4]) < 0.0);
+        assert_eq!((depth(&Shape::Ellipse, [0.5, 0.5]), depth(&Shape::Ellipse, [0.05, 0.05])), (0.5, 0.0));
+        assert!(depth(&Shape::Ellipse, [0.0, 0.5]).abs() < 1e-6 && depth(&Shape::Ellipse, [0.01, 0.5]) > 0.0);
+        assert!(depth(&Shape::Triangle, [0.5, 0.4]) > 0.0 && depth(&Shape::Triangle, [0.1, 0.4]) == 0.0);
         // A star of five points that crosses itself: its middle is wound around twice.
         let point = |corner: f32| (0.8 * std::f32::consts::PI * corner).sin_cos();
         let star = (0..5).map(|corner| point(corner as f32)).map(|(x, y)| [0.5 + 0.5 * x, 0.5 + 0.5 * y]);
         let star = Shape::Polygon(star.collect());
-        assert!(star.depth([0.5, 0.5]) < 0.0 && star.depth([0.5, 0.85]) > 0.0);
+        assert!(depth(&star, [0.5, 0.5]) == 0.0 && depth(&star, [0.5, 0.85]) > 0.0);
+    }
+
+    #[test]
+    fn an_outline_is_painted_as_it_is_drawn() {
+        for (shape, softness) in [(Shape::Box, 0.1), (Shape::Ellipse, 0.3), (Shape::Triangle, 0.2)] {
+            let painted = Shape::Painted(shape.painted(softness));
+            for place in [[0.5, 0.5], [0.3, 0.8], [0.2, 0.4], [0.05, 0.5], [0.9, 0.1]] {
+                let weight = |shape: &Shape, [x, y]: [f32; 2]| {
+                    let mut weight = [0.0];
+                    shape.weights(softness, &[x], y, &mut weight);
+                    weight[0]
+                };
+                assert!((weight(&shape, place) - weight(&painted, place)).abs() < 0.02, "{shape:?} {place:?}");
+            }
+        }
     }
 }

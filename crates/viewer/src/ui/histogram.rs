@@ -10,7 +10,9 @@ use voxrole_preprocess::plot::colour::viridis;
 use voxrole_preprocess::plot::numbers::{group_thousands, short_number};
 
 use super::axis::PlotArea;
+use super::brush::{Brush, Tool, brush_ui, paint_regions, show_brush};
 use super::opened_volume::OpenedVolume;
+use super::painted_maps::PaintedMaps;
 use super::region_grip::{Grip, region_at, screen_rect};
 use super::theme;
 use crate::state::{Region, Shape};
@@ -37,6 +39,9 @@ pub struct HistogramPanel {
     pub view: HistogramView,
     /// The selected region.
     pub selected: Option<usize>,
+    /// What paints.
+    pub brush: Brush,
+    maps: PaintedMaps,
     x: [f64; 2],
     y: [f64; 2],
     textures: [Option<TextureHandle>; 2],
@@ -57,7 +62,8 @@ impl HistogramPanel {
     #[must_use]
     pub fn new(volume: &OpenedVolume) -> Self {
         let [x, y] = occupied(&[&volume.value_hit, &volume.hit_hit]);
-        Self { view: HistogramView::Voxel, selected: None, x, y, textures: [None, None], drag: None }
+        let (brush, maps) = (Brush::default(), PaintedMaps::default());
+        Self { view: HistogramView::Voxel, selected: None, brush, maps, x, y, textures: [None, None], drag: None }
     }
 
     /// The values and gradient magnitudes that the plot spans.
@@ -85,8 +91,8 @@ impl HistogramPanel {
     }
 }
 
-/// The histogram; regions are dragged, resized by their edges and corners, drawn on free ground, and removed with
-/// Delete.
+/// The histogram; regions are dragged, resized by their edges and corners, drawn on free ground, painted by the brush, and
+/// removed with Delete.
 pub fn histogram_ui(ui: &mut Ui, panel: &mut HistogramPanel, volume: &OpenedVolume, regions: &mut Vec<Region>) {
     ui.horizontal(|ui| {
         ui.selectable_value(&mut panel.view, HistogramView::Voxel, "Value of voxel").on_hover_text(
@@ -97,6 +103,7 @@ pub fn histogram_ui(ui: &mut Ui, panel: &mut HistogramPanel, volume: &OpenedVolu
              boundary is one spot",
         );
     });
+    brush_ui(ui, &mut panel.brush);
     let area = PlotArea::allocate(ui, HEIGHT, panel.x, panel.y);
     let response = ui.interact(area.rect, ui.scope_id().with("regions"), Sense::click_and_drag());
     response.widget_info(|| {
@@ -115,17 +122,38 @@ pub fn histogram_ui(ui: &mut Ui, panel: &mut HistogramPanel, volume: &OpenedVolu
     });
     painter.image(texture.id(), area.rect, shown_part(histogram, &area), Color32::WHITE);
     for (index, region) in regions.iter().enumerate() {
-        paint_region(&painter, region, &area, panel.selected == Some(index));
+        let is_selected = panel.selected == Some(index);
+        if let Shape::Painted(map) = &region.shape {
+            let color = theme::color32(region.color).gamma_multiply(if is_selected { 0.55 } else { 0.4 });
+            panel.maps.paint(&painter, map, screen_rect([region.value, region.gradient], &area), color);
+        }
+        paint_region(&painter, region, &area, is_selected);
     }
+    panel.maps.retain(regions);
     let x_title = if panel.view == HistogramView::Voxel { "value v of the voxel" } else { "value v at the hit" };
     area.paint_axes(ui.painter(), x_title, &format!("g at the hit ({})", volume.gradient_unit()));
     if let Some(pointer) = response.hover_pos() {
+        show_brush(&painter, &panel.brush, pointer);
         area.paint_note(ui.painter(), &note(histogram, area.plot_from_screen(pointer)));
     }
 }
 
 fn edit_regions(ui: &Ui, panel: &mut HistogramPanel, response: &Response, area: &PlotArea, regions: &mut Vec<Region>) {
     panel.selected = panel.selected.filter(|&index| index < regions.len());
+    if panel.brush.tool == Tool::Outline {
+        drag_regions(ui, panel, response, area, regions);
+    } else {
+        paint_regions(ui, panel, response, area, regions);
+    }
+    let delete = ui.input(|input| input.key_pressed(Key::Delete)) && !ui.ctx().egui_wants_keyboard_input();
+    if let (true, Some(index)) = (delete, panel.selected) {
+        regions.remove(index);
+        panel.selected = None;
+        panel.drag = None;
+    }
+}
+
+fn drag_regions(ui: &Ui, panel: &mut HistogramPanel, response: &Response, area: &PlotArea, regions: &mut Vec<Region>) {
     let grabbed = |pointer: Pos2, selected| region_at(regions, selected, area, pointer);
     if response.drag_started_by(egui::PointerButton::Primary)
         && let Some(press) = ui.input(|input| input.pointer.press_origin())
@@ -146,12 +174,6 @@ fn edit_regions(ui: &Ui, panel: &mut HistogramPanel, response: &Response, area: 
         follow(panel, drag, area.plot_from_screen(pointer), area, regions);
     }
     if !response.dragged() && !response.drag_started() {
-        panel.drag = None;
-    }
-    let delete = ui.input(|input| input.key_pressed(Key::Delete)) && !ui.ctx().egui_wants_keyboard_input();
-    if let (true, Some(index)) = (delete, panel.selected) {
-        regions.remove(index);
-        panel.selected = None;
         panel.drag = None;
     }
 }
@@ -184,7 +206,7 @@ fn follow(panel: &mut HistogramPanel, drag: RegionDrag, to: [f64; 2], area: &Plo
 }
 
 fn paint_region(painter: &Painter, region: &Region, area: &PlotArea, selected: bool) {
-    let rect = screen_rect(region, area);
+    let rect = screen_rect([region.value, region.gradient], area);
     let color = theme::color32(region.color);
     let fill = color.gamma_multiply(if selected { 0.28 } else { 0.16 });
     let stroke = Stroke::new(if selected { 2.5 } else { 1.5 }, color);
@@ -213,6 +235,7 @@ fn paint_region(painter: &Painter, region: &Region, area: &PlotArea, selected: b
         }
         Shape::Triangle => _ = painter.add(egui::Shape::convex_polygon(corners, fill, stroke)),
         Shape::Polygon(_) => _ = painter.add(egui::Shape::closed_line(corners, stroke)),
+        Shape::Painted(_) => _ = painter.rect_stroke(rect, 0.0, inner, StrokeKind::Middle),
     }
     if selected {
         for handle in handles(rect) {

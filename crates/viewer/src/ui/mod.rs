@@ -2,6 +2,7 @@
 
 pub mod axis;
 pub mod boundary;
+pub mod brush;
 pub mod camera;
 pub mod clipping;
 pub mod curve;
@@ -10,6 +11,7 @@ pub mod finer_levels;
 mod form;
 pub mod histogram;
 pub mod opened_volume;
+pub mod painted_maps;
 pub mod preview;
 pub mod preview_scene;
 pub mod readout;

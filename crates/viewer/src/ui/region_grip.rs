@@ -3,7 +3,7 @@
 use egui::{CursorIcon, Pos2, Rect};
 
 use super::axis::PlotArea;
-use crate::state::Region;
+use crate::state::{Region, Shape};
 
 /// How far from an edge the pointer still grabs it, in points.
 const REACH: f32 = 6.0;
@@ -67,23 +67,38 @@ impl Grip {
     }
 }
 
-/// Where a region lies on the screen.
+/// Where a region's value and gradient magnitude lie on the screen.
 #[must_use]
-pub fn screen_rect(region: &Region, area: &PlotArea) -> Rect {
-    let corner = |end: usize| area.screen_from_plot([f64::from(region.value[end]), f64::from(region.gradient[end])]);
+pub fn screen_rect([value, gradient]: [[f32; 2]; 2], area: &PlotArea) -> Rect {
+    let corner = |end: usize| area.screen_from_plot([f64::from(value[end]), f64::from(gradient[end])]);
     Rect::from_two_pos(corner(0), corner(1))
 }
 
+/// Where in a region that covers `rect` on the screen a place lies: 0 to 1 to the right and upwards.
+#[must_use]
+pub fn place_in(rect: Rect, place: Pos2) -> [f32; 2] {
+    [(place.x - rect.left()) / rect.width(), (rect.bottom() - place.y) / rect.height()]
+}
+
 /// The region under the pointer and where it would be grabbed: an edge before an inside, of edges the selected
-/// region's, of insides the smallest region's.
+/// region's, of insides the smallest region's. A painted region's inside is what is painted, and it has edges while it is
+/// selected.
 #[must_use]
 pub fn region_at(regions: &[Region], selected: Option<usize>, area: &PlotArea, pointer: Pos2) -> Option<(usize, Grip)> {
     regions
         .iter()
         .enumerate()
         .filter_map(|(index, region)| {
-            let rect = screen_rect(region, area);
-            let grip = Grip::at(rect, pointer)?;
+            let rect = screen_rect([region.value, region.gradient], area);
+            let mut grip = Grip::at(rect, pointer)?;
+            if let Shape::Painted(map) = &region.shape
+                && (grip == Grip::INSIDE || selected != Some(index))
+            {
+                if map.weight_at(place_in(rect, pointer)) == 0.0 {
+                    return None;
+                }
+                grip = Grip::INSIDE;
+            }
             let inside = grip == Grip::INSIDE;
             let order = (inside, !inside && selected != Some(index), rect.area());
             Some((order, (index, grip)))
@@ -108,7 +123,7 @@ mod tests {
     use egui::pos2;
 
     use super::*;
-    use crate::state::Shape;
+    use crate::state::PaintedMap;
 
     fn area() -> PlotArea {
         PlotArea { rect: Rect::from_min_max(pos2(0.0, 0.0), pos2(200.0, 100.0)), x: [0.0, 200.0], y: [0.0, 100.0] }
@@ -120,7 +135,7 @@ mod tests {
 
     #[test]
     fn edges_corners_and_inside_are_told_apart() {
-        let rect = screen_rect(&region([50.0, 150.0], [20.0, 80.0]), &area());
+        let rect = screen_rect([[50.0, 150.0], [20.0, 80.0]], &area());
         assert_eq!(rect, Rect::from_min_max(pos2(50.0, 20.0), pos2(150.0, 80.0)));
         let grip = |value, gradient| Some(Grip { value, gradient });
         assert_eq!(Grip::at(rect, pos2(100.0, 50.0)), Some(Grip::INSIDE));
@@ -155,6 +170,13 @@ mod tests {
         assert_eq!(found(None, 100.0, 50.0), Some(1));
         assert_eq!(found(Some(0), 100.0, 50.0), Some(1));
         assert_eq!(found(None, 30.0, 50.0), Some(0));
+        let mut map = PaintedMap::blank();
+        map.stroke([0.75, 0.5], [0.75, 0.5], [0.1, 0.1], false);
+        let painted = [Region { shape: Shape::Painted(map), ..regions[0].clone() }];
+        let found = |selected, x, y| region_at(&painted, selected, &area(), pos2(x, y)).map(|(_, grip)| grip);
+        assert_eq!([found(None, 150.0, 50.0), found(None, 50.0, 50.0)], [Some(Grip::INSIDE), None]);
+        assert_eq!([found(None, 0.0, 50.0), found(Some(0), 50.0, 50.0)], [None, None]);
+        assert_eq!(found(Some(0), 0.0, 50.0), Some(Grip { value: [true, false], gradient: [false, false] }));
         let twins = [regions[1].clone(), regions[1].clone()];
         assert_eq!(region_at(&twins, Some(1), &area(), pos2(80.0, 50.0)).map(|(index, _)| index), Some(1));
     }

@@ -58,9 +58,12 @@ fn region_row(ui: &mut Ui, index: usize, region: &mut Region, selected: &mut Opt
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let button = ui.small_button("×").on_hover_text("Remove (Delete)");
             remove = button.accessible_name(format!("Remove region {number}")).clicked();
-            share_value(ui, &mut region.softness, 0.5, &format!("Soft edge of region {number}"))
-                .on_hover_text("Share of the region's width and height over which it fades out, at each edge");
-            ui.weak("soft");
+            ui.add_enabled_ui(!matches!(region.shape, Shape::Painted(_)), |ui| {
+                share_value(ui, &mut region.softness, 0.5, &format!("Soft edge of region {number}"))
+                    .on_hover_text("Share of the region's width and height over which it fades out, at each edge")
+                    .on_disabled_hover_text("As soft as it is painted");
+                ui.weak("soft");
+            });
             share_value(ui, &mut region.opacity, 1.0, &format!("Opacity of region {number}"))
                 .on_hover_text("Opacity of a path as long as the smallest voxel spacing");
             ui.weak("opacity");
@@ -83,23 +86,33 @@ fn extent_row(ui: &mut Ui, index: usize, region: &mut Region, [value_span, gradi
     ui.horizontal(|ui| {
         ui.add_space(30.0);
         ui.weak("outline");
-        shape_menu(ui, number, &mut region.shape);
+        shape_menu(ui, number, region);
     });
 }
 
-/// The outline; a polygon's corners come from the command line or a session, and stay as they are.
-fn shape_menu(ui: &mut Ui, number: usize, shape: &mut Shape) {
+/// The outline; a polygon's corners come from the command line or a session, and stay as they are. What is painted begins as
+/// the outline was.
+fn shape_menu(ui: &mut Ui, number: usize, region: &mut Region) {
     let name = |shape: &Shape| match shape {
         Shape::Box => "box",
         Shape::Ellipse => "ellipse",
         Shape::Triangle => "triangle",
         Shape::Polygon(_) => "polygon",
+        Shape::Painted(_) => "painted",
     };
+    let Region { shape, softness, .. } = region;
+    let is_painted = matches!(shape, Shape::Painted(_));
     let menu = ComboBox::from_id_salt("shape").selected_text(name(shape)).width(62.0);
     let response = menu.show_ui(ui, |ui| {
         for choice in [Shape::Box, Shape::Ellipse, Shape::Triangle] {
             let text = name(&choice);
-            ui.selectable_value(shape, choice, text);
+            if ui.selectable_value(shape, choice, text).changed() && is_painted {
+                *softness = Region::DEFAULT_SOFTNESS;
+            }
+        }
+        if ui.selectable_label(is_painted, "painted").clicked() && !is_painted {
+            *shape = Shape::Painted(shape.painted(*softness));
+            *softness = 0.0;
         }
     });
     response.response.accessible_name(format!("Outline of region {number}"));

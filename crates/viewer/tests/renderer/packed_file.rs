@@ -291,6 +291,7 @@ fn value_alone_and_stored_opacities_are_drawn() {
         (&packed, &["--classify", "value"][..], "needs a `--curve`"),
         (&packed, &["--classify", "stored"], "no stored opacities"),
         (&stored, &["--classify", "stored", "--component", "1"], "leave --component out"),
+        (&packed, &["--component", "1"], "leave --component 1 out"),
     ] {
         let error = format!("{:#}", render(file, &path("e.png"), options).expect_err(reason));
         assert!(error.contains(reason) && !path("e.png").exists(), "{error}");

@@ -1,0 +1,77 @@
+//! What the command line says of regions: as sessions do, or with a painted map out of a file.
+
+use std::fs::File;
+use std::io::Read;
+
+use crate::state::region::MAP_FILE;
+use crate::state::{PaintedMap, ParseError, Region, Shape};
+
+/// Longest picture that is read: more than one of [`PaintedMap::MOST_PIXELS`] takes.
+const MOST_BYTES: u64 = 128 << 20;
+/// What such a name ends with.
+const EXTENSION: &str = ".png";
+
+/// A region as [`Region`] is typed, or `map:FILE.png,v0:v1,g0:g1,RRGGBB[,opacity][@KIND,a,dc,n]`: a picture that lies over the
+/// ranges, value to the right and gradient magnitude upwards.
+///
+/// # Errors
+/// [`ParseError`] for anything else, and for a file that cannot be read.
+pub fn parse_region(text: &str) -> Result<Region, ParseError> {
+    let Some(rest) = text.trim_start().strip_prefix(MAP_FILE) else { return text.parse() };
+    let (path, form) = split_path(rest)
+        .ok_or_else(|| ParseError(format!("`{text}` is not {MAP_FILE}FILE{EXTENSION},v0:v1,g0:g1,RRGGBB[,opacity]")))?;
+    let map = read_map(path).map_err(|ParseError(reason)| ParseError(format!("{path}: {reason}")))?;
+    Region::from_form(Shape::Painted(map), form)
+}
+
+/// A file's name, which may have commas, and what follows.
+fn split_path(text: &str) -> Option<(&str, &str)> {
+    let end = text.to_ascii_lowercase().find(&format!("{EXTENSION},"))? + EXTENSION.len();
+    Some((&text[..end], &text[end + 1..]))
+}
+
+fn read_map(path: &str) -> Result<PaintedMap, ParseError> {
+    let mut png = Vec::new();
+    let file = File::open(path).map_err(|error| ParseError(error.to_string()))?;
+    file.take(MOST_BYTES + 1).read_to_end(&mut png).map_err(|error| ParseError(error.to_string()))?;
+    if png.len() as u64 > MOST_BYTES {
+        return Err(ParseError(format!("more than {} MiB are not read", MOST_BYTES >> 20)));
+    }
+    PaintedMap::from_png(&png)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_are_read_out_of_files_of_any_name() {
+        let mut map = PaintedMap::blank();
+        map.stroke([0.2, 0.3], [0.7, 0.8], [0.2, 0.1], false);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a, b@c.PNG");
+        std::fs::write(&path, map.to_png().expect("is encoded")).expect("writes");
+        let typed = format!("map:{},-1:2,3:4,00FF00,0.25@concave,1,2,7", path.display());
+        let region = parse_region(&typed).expect("a region");
+        assert_eq!((region.shape.clone(), region.value), (Shape::Painted(map), [-1.0, 2.0]));
+        assert_eq!(parse_region(&region.to_string()), Ok(region));
+        assert_eq!(parse_region("1:2,3:4,00FF00"), "1:2,3:4,00FF00".parse());
+    }
+
+    #[test]
+    fn what_is_no_map_is_refused_by_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("text.png");
+        std::fs::write(&path, "no picture").expect("writes");
+        let path = path.display();
+        for (typed, expected) in [
+            (format!("map:{path},1:2,3:4,00FF00"), "text.png: a map is a PNG"),
+            (format!("map:{path}.png,1:2,3:4,00FF00"), ".png.png: "),
+            (format!("map:{path}"), "is not map:FILE.png"),
+            ("map:a.jpg,1:2,3:4,00FF00".to_owned(), "is not map:FILE.png"),
+        ] {
+            let message = parse_region(&typed).expect_err("is refused").to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
