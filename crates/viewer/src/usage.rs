@@ -78,6 +78,10 @@ pub fn check_render(typed: &RenderArgs, state: &ViewState) -> Result<(), UsageEr
         typed.jitter && state.render_settings.technique != Technique::Rays,
         "--jitter is for rays: slices lie where they lie",
     )?;
+    refuse_if(
+        typed.jitter && state.render_settings.goes_by_cells(classification),
+        "--jitter is for samples at equal distances: what is integrated by role misses nothing, so add --integration post",
+    )?;
     // Lines and labels are drawn so that they can be read on it.
     let Scene { bounding_box, axes, scale_bar, .. } = state.scene;
     refuse_if(
@@ -101,6 +105,7 @@ mod tests {
         let mut state = session.clone();
         let settings = &mut state.render_settings;
         settings.technique = typed.technique.unwrap_or(settings.technique);
+        settings.integration = typed.integration.unwrap_or(settings.integration);
         typed.view.scene.apply(&mut state.scene);
         state.clipping.planes.clone_from(&typed.view.planes);
         let transfer_function = &mut state.transfer_function;
@@ -124,6 +129,7 @@ mod tests {
             ("--classify stored --level 1".into(), "no level 1"),
             ("--integration pre-2d".into(), "--classify value"),
             ("--technique slices --jitter".into(), "for rays"),
+            ("--jitter".into(), "--integration post"),
             ("--transparent --background FFFFFF".into(), "leave --background out"),
             ("--clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1".into(), "at most 4"),
             ("--isosurface 1 ".repeat(Scene::MOST_SURFACES + 1), "32 at most"),
