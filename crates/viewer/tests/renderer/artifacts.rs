@@ -73,7 +73,7 @@ fn planes_show_no_bands() {
             state.render_settings.technique = technique;
             // Without integration a slanted plane has faint bands, those of stacks 1/cos as far apart as the voxels'
             // planes.
-            for (integration, most) in [(Integration::Preintegrated, 0.1), (Integration::PostClassified, 6.0)] {
+            for (integration, most) in [(Integration::Preintegrated, 0.03), (Integration::PostClassified, 6.0)] {
                 state.render_settings.integration = integration;
                 // What is followed from cell to cell needs no short steps.
                 state.render_settings.step = if integration == Integration::Preintegrated { 1.0 } else { 0.25 };
