@@ -81,19 +81,19 @@ impl Moments {
 }
 
 /// [`load_strip_plainly`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn load_strip(moments: &mut Moments, samples: &[f32], start: usize, range: &RangeExpansion, weights: &[f32]) {
     load_strip_plainly(moments, samples, start, range, weights);
 }
 
 /// [`convolve_slice_plainly`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn convolve_slice(moments: &mut Moments, z: usize, weights_x: &[f32], weights_y: &[f32]) {
     convolve_slice_plainly(moments, z, weights_x, weights_y);
 }
 
 /// [`filter_row_plainly`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn filter_row(moments: &[f32], moment_len: usize, samples: &[f32], range: &RangeExpansion, out: &mut [f32]) {
     filter_row_plainly(moments, moment_len, samples, range, out);
 }

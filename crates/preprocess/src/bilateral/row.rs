@@ -34,13 +34,13 @@ pub struct ExactNeighbours {
 }
 
 /// [`filter_row_fast_plainly`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 pub fn filter_row_fast(samples: &[f32], start: usize, shifts: &[isize], weights: &FastNeighbours, out: &mut [f32]) {
     filter_row_fast_plainly(samples, start, shifts, weights, out);
 }
 
 /// [`filter_row_exact_plainly`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 pub fn filter_row_exact(samples: &[f32], start: usize, shifts: &[isize], weights: &ExactNeighbours, out: &mut [f32]) {
     filter_row_exact_plainly(samples, start, shifts, weights, out);
 }
