@@ -188,11 +188,8 @@ impl Samples {
     #[inline(always)]
     pub fn share_of_face(&self, count: f32, sample: &Sample) -> f32 {
         let [entry, _] = self.interval;
-        let is_on_face = count == 0.0 || sample.along - entry <= FACE_DEPTH;
-        match self.last {
-            Some(_) if count > 0.0 => ((entry + FACE_DEPTH - sample.along) / sample.step + 0.5).clamp(0.0, 1.0),
-            _ => f32::from(u8::from(is_on_face)),
-        }
+        let behind = ((entry + FACE_DEPTH - sample.along) / sample.step + 0.5).clamp(0.0, 1.0);
+        if count == 0.0 { 1.0 } else { behind }
     }
 
     /// The number of a sample that follows `count`, and that no sample precedes that lies beyond a place along the ray.

@@ -32,97 +32,122 @@ struct Progress {
     wanted: u32,
 }
 
-// Light along a ray that goes on from where it was; it ends at what is opaque.
-fn march(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
-    if !goes_by_cells() {
-        return march_steps(ray, first, opaque, start);
-    }
+const NO_PROGRESS: Progress = Progress(vec4<f32>(0.0), 0.0, 0u);
+
+// What of a ray is drawn.
+struct Stretch {
+    begin: f32,
+    end: f32,
+    // Of samples at equal distances: their distance, how far into its step the first one lies, and how many steps end
+    // before what is opaque, where the next one is cut short.
+    step: f32,
+    first: f32,
+    whole: f32,
+    // Where the ray enters what is drawn, and the normal of the plane that it enters through, 0 where that does not cut.
+    entry: f32,
+    cut: vec3<f32>,
+    // Whether the first sample is lit as the face of a cut, however far it reaches.
+    begins_at_face: bool,
+}
+
+// All of a ray up to what is opaque.
+fn whole_stretch(ray: Ray, first: f32, opaque: Opaque) -> Stretch {
     let interval = drawn_interval(ray, inverse_direction(ray));
-    let begin = Progress(start.light, max(interval.entry, start.count), 0u);
-    return march_cells(ray, interval, begin, min(interval.exit, opaque.along));
+    // The step that something opaque cuts short counts for its share alone.
+    let steps_before = max(floor((opaque.along - interval.entry) / frame.step - first + 0.5), 0.0);
+    let whole = select(NOWHERE, steps_before, opaque.along < interval.exit);
+    let end = min(interval.exit, opaque.along);
+    return Stretch(interval.entry, end, frame.step, first, whole, interval.entry, interval.cut, true);
 }
 
 fn goes_by_cells() -> bool {
     return frame.classification == BY_ROLES && frame.half_step > 0.0;
 }
 
-// From cell to cell, up to an exit: what lies in each is cut into equal pieces.
-fn march_cells(ray: Ray, interval: Interval, start: Progress, exit: f32) -> Progress {
+// Light along a stretch of a ray that goes on from where it was: with samples at equal distances, or from cell to cell, what
+// lies in each cut into equal pieces. Each turn of the loop takes one sample, whichever way, so that rays beside each other
+// wait little for each other.
+fn march(ray: Ray, stretch: Stretch, start: Progress) -> Progress {
     let inverse = inverse_direction(ray);
-    var sum = start.light;
-    var wanted = 0u;
-    var place = CellPlace(cell_at(ray, inverse, start.count), start.count);
-    while place.along < exit && sum.a <= frame.termination_opacity {
-        let base = vec3<i32>(place.cell);
-        let empty = i32(textureLoad(occupancy, base / MACROCELL, 0).x);
-        if empty > 0 {
-            place = leap(ray, inverse, place.cell, empty);
-            continue;
-        }
-        if HAS_BRICKS {
-            wanted = brick_if_missing(base);
-            if wanted != 0u {
-                break;
-            }
-        }
-        let exits = exits_of(ray, inverse, place.cell);
-        let end = min(min(exits.x, min(exits.y, exits.z)), exit);
-        let cell = load_cell(base);
-        if cell.is_active {
-            let count = ceil((end - place.along) / (2.0 * frame.half_step));
-            let step = (end - place.along) / count;
-            half_step = 0.5 * step;
-            for (var piece = 0.0; piece < count && sum.a <= frame.termination_opacity; piece += 1.0) {
-                let along = place.along + (piece + 0.5) * step;
-                let role = sample_cell(cell, fraction_in(ray, place.cell, along), ray.direction);
-                if role.opacity > 0.0 {
-                    let face = clamp((interval.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0);
-                    sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, step);
-                }
-            }
-        }
-        place = CellPlace(next_cell(ray, place.cell, exits), end);
-    }
-    return Progress(sum, place.along, wanted);
-}
-
-// In equal steps, with the first sample so far into the first one.
-fn march_steps(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progress {
-    let inverse = inverse_direction(ray);
-    let interval = drawn_interval(ray, inverse);
+    let by_cells = goes_by_cells();
     var cell: Cell;
     cell.base = vec3<i32>(-1);
     var sum = start.light;
-    var count = start.count;
     var wanted = 0u;
-    // How many steps end before what is opaque: the one that it cuts short counts for its share alone.
-    let steps_before = max(floor((opaque.along - interval.entry) / frame.step - first + 0.5), 0.0);
-    let whole = select(NOWHERE, steps_before, opaque.along < interval.exit);
-    while count <= whole && sum.a <= frame.termination_opacity {
-        var along = interval.entry + (count + first) * frame.step;
-        var step = frame.step;
-        half_step = frame.half_step;
-        if count == whole {
-            let begin = max(interval.entry, interval.entry + (whole + first - 0.5) * frame.step);
-            step = opaque.along - begin;
-            along = begin + 0.5 * step;
-            half_step = min(half_step, 0.5 * step);
-            if !(step > 0.0) {
+    var count = start.count;
+    // By cells: the one to be entered next; of the last one entered, its place, where it begins, and its pieces.
+    var next = CellPlace(vec3<f32>(0.0), max(stretch.begin, start.count));
+    if by_cells {
+        next.cell = cell_at(ray, inverse, next.along);
+    }
+    var entered = next;
+    var piece = 0.0;
+    var pieces = 0.0;
+    var length = 0.0;
+    while sum.a <= frame.termination_opacity {
+        var place: Place;
+        var along: f32;
+        var step: f32;
+        if by_cells {
+            if piece >= pieces {
+                if !(next.along < stretch.end) {
+                    break;
+                }
+                let base = vec3<i32>(next.cell);
+                let empty = i32(textureLoad(occupancy, base / MACROCELL, 0).x);
+                if empty > 0 {
+                    next = leap(ray, inverse, next.cell, empty);
+                    continue;
+                }
+                if HAS_BRICKS {
+                    wanted = brick_if_missing(base);
+                    if wanted != 0u {
+                        break;
+                    }
+                }
+                cell = load_cell(base);
+                let exits = exits_of(ray, inverse, next.cell);
+                let end = min(min(exits.x, min(exits.y, exits.z)), stretch.end);
+                entered = next;
+                next = CellPlace(next_cell(ray, next.cell, exits), end);
+                piece = 0.0;
+                pieces = select(0.0, ceil((end - entered.along) / (2.0 * frame.half_step)), cell.is_active);
+                length = (end - entered.along) / max(pieces, 1.0);
+                if pieces <= 0.0 {
+                    continue;
+                }
+            }
+            step = length;
+            along = entered.along + (piece + 0.5) * length;
+            place = Place(vec3<i32>(entered.cell), fraction_in(ray, entered.cell, along));
+            piece += 1.0;
+        } else {
+            step = stretch.step;
+            along = stretch.begin + (count + stretch.first) * step;
+            if count > stretch.whole {
+                break;
+            } else if count == stretch.whole {
+                let begin = max(stretch.begin, stretch.begin + (count + stretch.first - 0.5) * step);
+                step = stretch.end - begin;
+                along = begin + 0.5 * step;
+                if !(step > 0.0) {
+                    break;
+                }
+            } else if along >= stretch.end {
                 break;
             }
-        } else if along >= interval.exit {
-            break;
+            place = place_at(ray.origin + along * ray.direction);
+            let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
+            if empty > 0 {
+                // To the first sample beyond all that is known to be empty.
+                let beyond = floor((leaves(ray, inverse, place.base, empty) - stretch.begin) / stretch.step);
+                count = max(beyond, count + 1.0);
+                continue;
+            }
         }
+        half_step = min(frame.half_step, 0.5 * step);
         let position = ray.origin + along * ray.direction;
-        let place = place_at(position);
-        let empty = i32(textureLoad(occupancy, place.base / MACROCELL, 0).x);
-        if empty > 0 {
-            // To the first sample beyond all that is known to be empty.
-            let beyond = floor((leaves(ray, inverse, place.base, empty) - interval.entry) / frame.step);
-            count = max(beyond, count + 1.0);
-            continue;
-        }
-        if HAS_BRICKS && any(place.base != cell.base) {
+        if HAS_BRICKS && !by_cells && any(place.base != cell.base) {
             wanted = brick_wanted(position, place, ray.direction);
             if wanted != 0u {
                 break;
@@ -130,13 +155,14 @@ fn march_steps(ray: Ray, first: f32, opaque: Opaque, start: Progress) -> Progres
         }
         let role = sample_at(position, place, ray.direction, &cell);
         if role.opacity > 0.0 {
-            let face = select(0.0, 1.0, count == 0.0 || along - interval.entry <= FACE_DEPTH);
-            sum += (1.0 - sum.a) * light_of_sample(role, ray, interval.cut, face, step);
+            let is_first = !by_cells && count == 0.0 && stretch.begins_at_face;
+            let face = select(clamp((stretch.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0), 1.0, is_first);
+            sum += (1.0 - sum.a) * light_of_sample(role, ray, stretch.cut, face, step);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;
     }
-    return Progress(sum, count, wanted);
+    return Progress(sum, select(count, next.along, by_cells), wanted);
 }
 
 // Display values of light over what is opaque, or over the background.
@@ -148,6 +174,6 @@ fn over_background(light: vec4<f32>, opaque: Opaque) -> vec4<f32> {
 @fragment
 fn fragment_main(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let opaque = opaque_pixel(position.xy);
-    let start = Progress(vec4<f32>(0.0), 0.0, 0u);
-    return over_background(march(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)), opaque, start).light, opaque);
+    let stretch = whole_stretch(pixel_ray(position.xy), first_sample(vec2<u32>(position.xy)), opaque);
+    return over_background(march(pixel_ray(position.xy), stretch, NO_PROGRESS).light, opaque);
 }

@@ -21,7 +21,8 @@ fn fragment_resume(@builtin(position) position: vec4<f32>) -> StoredProgress {
     var progress = progress_at(vec2<i32>(position.xy));
     if progress.wanted != 0u {
         let pixel = position.xy + vec2<f32>(0.0, f32(frame.first_row));
-        progress = march(pixel_ray(pixel), first_sample(vec2<u32>(pixel)), opaque_pixel(pixel), progress);
+        let ray = pixel_ray(pixel);
+        progress = march(ray, whole_stretch(ray, first_sample(vec2<u32>(pixel)), opaque_pixel(pixel)), progress);
     }
     let light = bitcast<vec4<u32>>(progress.light);
     return StoredProgress(light, vec2<u32>(bitcast<u32>(progress.count), progress.wanted));

@@ -53,29 +53,15 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
     if !piece.is_drawn {
         discard;
     }
-    if goes_by_cells() {
-        let slab = march_cells(ray, interval, Progress(vec4<f32>(0.0), piece.start, 0u), piece.end);
-        if slab.light.a <= 0.0 {
-            discard;
-        }
-        return slab.light;
-    }
-    let along = 0.5 * (piece.start + piece.end);
-    let position = ray.origin + along * ray.direction;
-    let place = place_at(position);
-    if textureLoad(occupancy, place.base / MACROCELL, 0).x > 0u {
-        discard;
-    }
+    // One sample, which stands for all of it, or from cell to cell.
     let step = piece.end - piece.start;
-    half_step = min(frame.half_step, 0.5 * step);
-    var cell: Cell;
-    cell.base = vec3<i32>(-1);
-    let role = sample_at(position, place, ray.direction, &cell);
-    if role.opacity <= 0.0 {
+    let stretch =
+        Stretch(piece.start, piece.end, step, 0.5, NOWHERE, interval.entry, interval.cut, piece.is_first);
+    let light = march(ray, stretch, NO_PROGRESS).light;
+    if light.a <= 0.0 {
         discard;
     }
-    let before = clamp((interval.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0);
-    return light_of_sample(role, ray, interval.cut, select(before, 1.0, piece.is_first), step);
+    return light;
 }
 
 @fragment
