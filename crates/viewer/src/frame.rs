@@ -160,7 +160,7 @@ impl Frame {
             distance_scale: volume.d_max_in_spacings() / steps,
             reach: (emphases.largest_d_c() + texel_spacing.length() + half_step) * 1.001,
             light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
-            shading: settings.shading,
+            shading: Shading { occlusion: within(settings.shading.occlusion, [0.0, 1.0], 0.0), ..settings.shading },
             background: Vec3::from_array(settings.background),
         }
     }

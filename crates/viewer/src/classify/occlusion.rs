@@ -1,0 +1,165 @@
+//! How little light comes to a place because of what is drawn around it, macrocell by macrocell, without any gradient.
+//!
+//! What a macrocell stops of a ray across it is estimated by the opacity of a few of its voxels. Means of that over two
+//! neighbourhoods, a narrow one and a wide one, are added up: near what is drawn counts more than far, as it does for
+//! light, which comes the worse the more of the directions around are blocked.
+//!
+//! After Díaz, Vázquez, Navazo and Duguet, Real-time ambient occlusion and halos with summed area tables, 2010, who take
+//! means over boxes of several sizes, and Hernell, Ljung and Ynnerman, Local ambient occlusion in direct volume
+//! rendering, 2010, for light of a neighbourhood alone, which leaves nothing wholly dark. Here boxes are blurs to
+//! Gaussians, on macrocells in place of voxels.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use voxrole_pack::DistanceQuantization;
+
+use super::box_blur::blur;
+use super::correct_opacity;
+use super::macrocells::{MACROCELL, macrocells};
+use super::{EmphasisTable, OpacityTable, ValueTable};
+use crate::volume::{VolumeDescription, VolumeTexels};
+
+/// Standard deviation of the narrow neighbourhood, in multiples of `L_min`.
+const NARROW: f32 = 6.0;
+/// By how much the wide one is wider still: standard deviations add up as squares do.
+const WIDER: f32 = 17.0;
+/// Sum of the means up to which nothing is dark: that near a face that stands free.
+const FREE: f32 = 0.25;
+/// Sum of the means from which on nothing becomes darker.
+const DENSE: f32 = 0.85;
+/// How far before a sample, towards the viewer, its light is looked up, in multiples of `L_min`: what lies behind a face
+/// keeps no light from it, and hollows are told from bulges.
+pub const TOWARDS_VIEWER: f32 = 6.0;
+
+/// Value, distance and gradient magnitude of a voxel, as stored.
+type Sample = [u16; 3];
+
+/// Four voxels of every macrocell, which stand for it whatever is drawn of them: a sixteenth of the volume.
+#[derive(Clone, Debug)]
+pub struct MacrocellSamples {
+    dims: [usize; 3],
+    /// x fastest.
+    samples: Vec<[Sample; 4]>,
+}
+
+impl MacrocellSamples {
+    /// Every second corner of the cube in the macrocell's middle that is half as large.
+    const PLACES: [[usize; 3]; 4] = [[1, 1, 1], [3, 3, 1], [3, 1, 3], [1, 3, 3]];
+
+    /// Gathers them, on every thread.
+    #[must_use]
+    pub fn new(volume: &VolumeTexels) -> Self {
+        let voxels = volume.description.texel_dims().map(|dim| dim as usize);
+        let dims @ [nx, ny, nz] = macrocells(voxels);
+        let mut samples = vec![[[0; 3]; 4]; nx * ny * nz];
+        samples.par_chunks_mut(nx).enumerate().for_each(|(row, samples)| {
+            for (x, samples) in samples.iter_mut().enumerate() {
+                let macrocell = [x, row % ny, row / ny];
+                *samples = Self::PLACES.map(|place| {
+                    let [x, y, z] = [0, 1, 2]
+                        .map(|axis: usize| (macrocell[axis] * MACROCELL as usize + place[axis]).min(voxels[axis] - 1));
+                    let [value, distance, gradient, _] = volume.texels[(z * voxels[1] + y) * voxels[0] + x];
+                    [value, distance, gradient]
+                });
+            }
+        });
+        Self { dims, samples }
+    }
+}
+
+/// How little light comes where.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Occlusion {
+    dims: [usize; 3],
+    /// Of every macrocell's middle, in shares of 255; x fastest.
+    shares: Vec<u8>,
+}
+
+impl Occlusion {
+    /// Where regions and curve decide by the voxels' roles.
+    #[must_use]
+    pub fn of_roles(
+        samples: &MacrocellSamples,
+        volume: &VolumeDescription,
+        table: &OpacityTable,
+        emphases: &EmphasisTable,
+    ) -> Self {
+        let distance_scale = volume.d_max_in_spacings() / f32::from(DistanceQuantization::MOST_STEPS);
+        Self::new(samples, volume, |[value, bits, gradient]| {
+            let distance = f32::from(bits as i16) * distance_scale;
+            if !VolumeTexels::has_hit([value, bits, gradient, 0]) || distance.abs() >= emphases.largest_d_c() {
+                return 0.0;
+            }
+            let ([_, _, _, opacity], emphasis) = table.look_up(f32::from(value), gradient);
+            if opacity > 0.0 { opacity * emphases.look_up(emphasis, distance) } else { 0.0 }
+        })
+    }
+
+    /// Where value alone decides.
+    #[must_use]
+    pub fn of_values(samples: &MacrocellSamples, volume: &VolumeDescription, values: &ValueTable) -> Self {
+        Self::new(samples, volume, |[value, ..]| values.look_up(f32::from(value), f32::from(value)).w)
+    }
+
+    /// Where opacity is stored.
+    #[must_use]
+    pub fn of_stored(samples: &MacrocellSamples, volume: &VolumeDescription) -> Self {
+        Self::new(samples, volume, |[opacity, ..]| f32::from(opacity) / 65535.0)
+    }
+
+    /// `opacity` for a path of `L_min`.
+    fn new(samples: &MacrocellSamples, volume: &VolumeDescription, opacity: impl Fn(Sample) -> f32 + Sync) -> Self {
+        let dims = samples.dims;
+        let sides = Vec3::from_array(volume.texel_spacing()) * MACROCELL as f32;
+        let across = sides.element_product().cbrt();
+        let stopped = |samples: &[Sample; 4]| {
+            let sum: f32 = samples.iter().map(|&sample| opacity(sample)).sum();
+            // Most macrocells are empty.
+            if sum > 0.0 { (correct_opacity(sum / 4.0, across) * 65535.0).round() as u16 } else { 0 }
+        };
+        let shares = samples.samples.par_iter().with_min_len(1024).map(stopped).collect();
+        let in_macrocells = |length: f32| (Vec3::splat(length) / sides).to_array();
+        let narrow = blur(dims, shares, in_macrocells(NARROW));
+        let wide = blur(dims, narrow.clone(), in_macrocells(WIDER));
+        let shares = narrow.par_iter().zip(&wide).with_min_len(1024).map(|(&narrow, &wide)| {
+            let sum = (f32::from(narrow) + f32::from(wide)) / 65535.0;
+            (((sum - FREE) / (DENSE - FREE)).clamp(0.0, 1.0) * 255.0).round() as u8
+        });
+        Self { dims, shares: shares.collect() }
+    }
+
+    /// Macrocells along x, y, z.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// That of every macrocell's middle, in shares of 255, x fastest.
+    #[must_use]
+    pub fn shares(&self) -> &[u8] {
+        &self.shares
+    }
+
+    /// That at a place in multiples of macrocells' sides, 0 to 1: linear between macrocells' middles, and as in the
+    /// outermost ones beyond.
+    #[must_use]
+    #[inline]
+    pub fn at(&self, place: Vec3) -> f32 {
+        let [nx, ny, nz] = self.dims;
+        let last = Vec3::new((nx - 1) as f32, (ny - 1) as f32, (nz - 1) as f32);
+        let place = (place - 0.5).clamp(Vec3::ZERO, last);
+        let low = place.floor();
+        let fraction = place - low;
+        let [x0, y0, z0] = low.as_usizevec3().to_array();
+        let [x1, y1, z1] = [(x0 + 1).min(nx - 1), (y0 + 1).min(ny - 1), (z0 + 1).min(nz - 1)];
+        let share = |x: usize, y: usize, z: usize| f32::from(self.shares[(z * ny + y) * nx + x]);
+        let along_x = |y: usize, z: usize| mix(share(x0, y, z), share(x1, y, z), fraction.x);
+        let along_y = |z: usize| mix(along_x(y0, z), along_x(y1, z), fraction.y);
+        mix(along_y(z0), along_y(z1), fraction.z) / 255.0
+    }
+}
+
+#[inline(always)]
+fn mix(low: f32, high: f32, share: f32) -> f32 {
+    low + share * (high - low)
+}
