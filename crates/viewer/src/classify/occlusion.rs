@@ -24,12 +24,12 @@ const NARROW: f32 = 6.0;
 /// By how much the wide one is wider still: standard deviations add up as squares do.
 const WIDER: f32 = 17.0;
 /// Sum of the means up to which nothing is dark: that near a face that stands free.
-const FREE: f32 = 0.25;
+const FREE: f32 = 0.15;
 /// Sum of the means from which on nothing becomes darker.
-const DENSE: f32 = 0.85;
+const DENSE: f32 = 0.5;
 /// How far before a sample, towards the viewer, its light is looked up, in multiples of `L_min`: what lies behind a face
 /// keeps no light from it, and hollows are told from bulges.
-pub const TOWARDS_VIEWER: f32 = 6.0;
+pub const TOWARDS_VIEWER: f32 = 10.0;
 
 /// Value, distance and gradient magnitude of a voxel, as stored.
 type Sample = [u16; 3];
@@ -162,4 +162,132 @@ impl Occlusion {
 #[inline(always)]
 fn mix(low: f32, high: f32, share: f32) -> f32 {
     low + share * (high - low)
+}
+
+#[cfg(test)]
+mod tests {
+    use rayon::ThreadPoolBuilder;
+    use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
+
+    use super::*;
+    use crate::state::TransferFunction;
+
+    /// Two spherical boundaries that touch, on a grid whose macrocells are not all whole.
+    fn volume() -> VolumeTexels {
+        let dims = [70, 45, 38];
+        let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
+        let geometry = GridGeometry::axis_aligned(dims, [1.0, 1.0, 1.5]);
+        let description = VolumeDescription::new(&geometry, 15.0, [0.0, 1.0], hit_gradient);
+        let texels = (0..dims.iter().product::<u32>()).map(|index| {
+            let [width, height, _] = dims;
+            let place = [index % width, index / width % height, index / (width * height)];
+            let place = Vec3::from_array(place.map(|place| place as f32)) * Vec3::new(1.0, 1.0, 1.5);
+            let spheres = [(Vec3::new(22.0, 21.0, 27.0), 15.0), (Vec3::new(48.0, 22.0, 30.0), 11.0)];
+            let distances = spheres.map(|(middle, radius)| radius - place.distance(middle));
+            let distance = distances[0].max(distances[1]);
+            if distance.abs() >= 15.0 {
+                return [0, i16::MIN as u16, 0, 0];
+            }
+            [30_000, (distance / 15.0 * 32766.0) as i16 as u16, 40_000, 0]
+        });
+        VolumeTexels { description, texels: texels.collect() }
+    }
+
+    fn transfer_function() -> TransferFunction {
+        TransferFunction { regions: vec!["0:1,0.3:0.9,FFFFFF,0.8".parse().expect("a region")], ..Default::default() }
+    }
+
+    fn of_roles(volume: &VolumeTexels, transfer_function: &TransferFunction) -> Occlusion {
+        let VolumeDescription { value_range, hit_gradient, .. } = volume.description;
+        let table = OpacityTable::new(transfer_function, value_range, hit_gradient);
+        let samples = MacrocellSamples::new(volume);
+        Occlusion::of_roles(&samples, &volume.description, &table, &EmphasisTable::new(transfer_function))
+    }
+
+    /// With all voxels of every macrocell, and Gaussians as they are.
+    fn naive(volume: &VolumeTexels, transfer_function: &TransferFunction) -> (Vec<[f32; 3]>, Vec<f32>) {
+        let description = &volume.description;
+        let table = OpacityTable::new(transfer_function, description.value_range, description.hit_gradient);
+        let emphases = EmphasisTable::new(transfer_function);
+        let voxels = description.texel_dims().map(|dim| dim as usize);
+        let [nx, ny, nz] = macrocells(voxels);
+        let sides = Vec3::from_array(description.texel_spacing()) * 4.0;
+        let mut places = Vec::new();
+        let mut stopped = Vec::new();
+        for macrocell in 0..nx * ny * nz {
+            let first = [macrocell % nx, macrocell / nx % ny, macrocell / (nx * ny)];
+            places.push(first.map(|place| place as f32));
+            let ends = |axis: usize| first[axis] * 4..=(first[axis] * 4 + 4).min(voxels[axis] - 1);
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (z, y) in ends(2).flat_map(|z| ends(1).map(move |y| (z, y))) {
+                for x in ends(0) {
+                    let texel = volume.texels[(z * voxels[1] + y) * voxels[0] + x];
+                    count += 1.0;
+                    if VolumeTexels::has_hit(texel) {
+                        let (entry, emphasis) = table.look_up(f32::from(texel[0]), texel[2]);
+                        let distance = f32::from(texel[1] as i16) * description.d_max_in_spacings() / 32766.0;
+                        sum += entry[3] * emphases.look_up(emphasis, distance);
+                    }
+                }
+            }
+            stopped.push(correct_opacity(sum / count, sides.element_product().cbrt()));
+        }
+        let gaussian = |sigma: f32, at: &[f32; 3]| {
+            let weight = |place: &[f32; 3]| {
+                let apart = (Vec3::from_array(*place) - Vec3::from_array(*at)) * sides / sigma;
+                (-0.5 * apart.length_squared()).exp()
+            };
+            let sum: f32 = places.iter().zip(&stopped).map(|(place, stopped)| weight(place) * stopped).sum();
+            sum * sides.element_product() / (sigma * std::f32::consts::TAU.sqrt()).powi(3)
+        };
+        let share = |at: &[f32; 3]| {
+            let sum = gaussian(NARROW, at) + gaussian(NARROW.hypot(WIDER), at);
+            ((sum - FREE) / (DENSE - FREE)).clamp(0.0, 1.0) * 255.0
+        };
+        let shares = places.iter().map(share).collect();
+        (places, shares)
+    }
+
+    #[test]
+    fn few_voxels_and_boxes_come_close_to_all_voxels_and_gaussians() {
+        let (volume, transfer_function) = (volume(), transfer_function());
+        let occlusion = of_roles(&volume, &transfer_function);
+        let (places, exact) = naive(&volume, &transfer_function);
+        let off = |(&share, exact): (&u8, &f32)| (f32::from(share) - exact).powi(2);
+        let squares: f32 = occlusion.shares().iter().zip(&exact).map(off).sum();
+        let rms = (squares / exact.len() as f32).sqrt();
+        let darkest = exact.iter().fold(0_f32, |a, &b| a.max(b));
+        assert!(darkest > 100.0 && rms < 12.0, "{rms}/255 off of up to {darkest}/255");
+        for (place, &share) in places.iter().zip(occlusion.shares()) {
+            let found = occlusion.at(Vec3::from_array(*place) + 0.5);
+            assert!((found * 255.0 - f32::from(share)).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn every_number_of_threads_gives_the_same_bits() {
+        let (volume, transfer_function) = (volume(), transfer_function());
+        let on_threads = |threads: usize| {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| of_roles(&volume, &transfer_function))
+        };
+        let one = on_threads(1);
+        assert!(one.shares().iter().any(|&share| share > 0));
+        assert!(one == on_threads(2) && one == on_threads(7));
+    }
+
+    #[test]
+    fn places_between_and_beyond_are_interpolated() {
+        let occlusion = Occlusion { dims: [2, 1, 2], shares: vec![0, 51, 102, 255] };
+        for (place, expected) in [
+            ([0.5, 0.5, 0.5], 0.0),
+            ([1.0, 0.5, 0.5], 0.1),
+            ([0.5, 9.0, 1.0], 0.2),
+            ([1.0, -3.0, 1.0], 0.4),
+            ([7.0, 0.0, 7.0], 1.0),
+        ] {
+            let found = occlusion.at(Vec3::from_array(place));
+            assert!((found - expected).abs() < 1e-6, "{place:?}: {found} is not {expected}");
+        }
+    }
 }

@@ -68,7 +68,7 @@ fn slice_fragment(slice: SliceVertex) -> @location(0) vec4<f32> {
         discard;
     }
     let before = clamp((interval.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0);
-    return light_of_sample(role, ray, interval.cut, select(before, 1.0, piece.is_first), step);
+    return light_of_sample(role, ray, along, interval.cut, select(before, 1.0, piece.is_first), step);
 }
 
 @fragment
