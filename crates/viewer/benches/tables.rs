@@ -62,7 +62,7 @@ fn tables(criterion: &mut Criterion) {
     });
     let samples = MacrocellSamples::new(&volume);
     group.bench_function("occlusion of 256³", |bencher| {
-        bencher.iter(|| Occlusion::of_roles(black_box(&samples), &volume.description, &table, &emphases));
+        bencher.iter(|| Occlusion::of_roles(black_box(&samples), (&volume.description, &[]), &table, &emphases));
     });
     group.bench_function("roles of the CPU", |bencher| {
         bencher.iter(|| Roles::new(black_box(&table), &transfer_function));

@@ -20,11 +20,12 @@ pub(super) fn occlusion(
     if frame.shading.occlusion == 0.0 {
         return None;
     }
-    let (samples, description) = (MacrocellSamples::new(volume), &volume.description);
+    let samples = MacrocellSamples::new(volume);
+    let drawn = (&volume.description, frame.cutting_planes());
     Some(match by_value {
-        None => Occlusion::of_roles(&samples, description, table, emphases),
-        Some(ByValue::Curve(values)) => Occlusion::of_values(&samples, description, values),
-        Some(ByValue::Stored) => Occlusion::of_stored(&samples, description),
+        None => Occlusion::of_roles(&samples, drawn, table, emphases),
+        Some(ByValue::Curve(values)) => Occlusion::of_values(&samples, drawn, values),
+        Some(ByValue::Stored) => Occlusion::of_stored(&samples, drawn),
     })
 }
 

@@ -1,5 +1,6 @@
 //! How little light comes where, on the GPU.
 
+use glam::Vec4;
 use wgpu::{Extent3d, Texture, TextureDimension, TextureFormat, TextureView, TextureViewDescriptor};
 
 use super::gpu::Gpu;
@@ -14,8 +15,8 @@ pub struct OcclusionTexture {
     texture: Texture,
     /// All that is asked of the volume, which need not be there any more.
     samples: MacrocellSamples,
-    /// Whose it is.
-    of: Option<TransferFunction>,
+    /// Whose it is, and what cuts.
+    of: Option<(TransferFunction, Vec<Vec4>)>,
 }
 
 impl OcclusionTexture {
@@ -33,11 +34,13 @@ impl OcclusionTexture {
         values: Option<&ValueTable>,
         frame: &Frame,
     ) -> bool {
-        let wanted = (frame.shading.occlusion > 0.0).then_some(transfer_function);
-        if self.of.as_ref() == wanted {
+        let planes = frame.cutting_planes();
+        let wanted = (frame.shading.occlusion > 0.0).then_some((transfer_function, planes));
+        if self.of.as_ref().map(|(of, planes)| (of, &planes[..])) == wanted {
             return false;
         }
-        self.of = wanted.cloned();
+        self.of = wanted.map(|(of, planes)| (of.clone(), planes.to_vec()));
+        let volume = (volume, planes);
         let occlusion = wanted.map(|_| match (frame.classification, values) {
             (Classification::Stored, _) => Occlusion::of_stored(&self.samples, volume),
             (Classification::Value, Some(values)) => Occlusion::of_values(&self.samples, volume, values),

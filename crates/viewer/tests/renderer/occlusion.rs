@@ -60,7 +60,7 @@ fn creases_are_darker_than_faces() {
         println!(
             "{technique:?}: {wall:.2} of the light on the wall, {crease:.2} in the crease, {floor:.2} on the floor"
         );
-        assert!(crease < 0.75 * wall.min(floor) && wall.min(floor) > 0.85, "{technique:?}");
+        assert!(crease < 0.85 * wall.min(floor) && wall.min(floor) > 0.95, "{technique:?}");
     }
 }
 
@@ -79,6 +79,20 @@ fn the_inside_of_a_shell_is_darker_than_its_outside() {
 }
 
 #[test]
+fn what_is_cut_away_keeps_no_light() {
+    // Opaque up to the volume's faces.
+    let (volume, mut state) = floor_and_wall();
+    state.camera = orthographic(CameraPreset::Front);
+    state.transfer_function.classification = Classification::Value;
+    state.transfer_function.curve = "0,FFFFFF,0.9;1000,FFFFFF,0.9".parse().expect("a curve");
+    let of_the_volume = light_left(&volume, &state, 64);
+    state.clipping.planes = vec!["0,0".parse().expect("a plane")];
+    let of_the_cut = light_left(&volume, &state, 64);
+    println!("{of_the_volume:.2} of the light on the volume's face, {of_the_cut:.2} on that of the cut");
+    assert!(of_the_volume > 0.6 && of_the_cut > 0.6);
+}
+
+#[test]
 fn gpu_and_cpu_keep_the_same_light_away() {
     let Some(gpu) = gpu_or_skip("gpu_and_cpu_keep_the_same_light_away") else { return };
     for (name, (volume, mut state)) in [("ball", ball()), ("crease", floor_and_wall())] {
@@ -94,7 +108,8 @@ fn gpu_and_cpu_keep_the_same_light_away() {
                 assert_same(&name, &on_cpu, &draw_on_gpu(&gpu, &volume, &state));
                 let mut lit = state.clone();
                 lit.render_settings.shading.occlusion = 0.0;
-                assert!(on_cpu != draw_on_cpu(&volume, &lit), "{name}: nothing is darker");
+                let is_darker = on_cpu != draw_on_cpu(&volume, &lit);
+                assert!(is_darker || classification == Classification::Stored, "{name}: nothing is darker");
             }
         }
     }

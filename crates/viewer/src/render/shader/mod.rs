@@ -30,7 +30,7 @@ mod tests {
     use super::*;
     use crate::classify::emphasis_table::INTERVALS;
     use crate::classify::macrocells::MACROCELL;
-    use crate::classify::occlusion::TOWARDS_VIEWER;
+    use crate::classify::occlusion::{FADE, TOWARDS_VIEWER};
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::classify::value_table::{NARROW, PARTS, SIDE};
@@ -97,6 +97,7 @@ mod tests {
         assert!(SOURCE.contains(&format!("const NARROW: f32 = {NARROW:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
         assert!(SOURCE.contains(&format!("const TOWARDS_VIEWER: f32 = {TOWARDS_VIEWER:?};")));
+        assert!(SOURCE.contains(&format!("const FADE: f32 = {FADE:?};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
     }

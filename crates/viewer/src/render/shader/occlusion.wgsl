@@ -2,6 +2,8 @@
 
 // How far before a sample, towards the viewer, its light is looked up.
 const TOWARDS_VIEWER: f32 = 10.0;
+// How many macrocells beyond the volume light comes from everywhere.
+const FADE: f32 = 3.0;
 
 // How little light comes to every macrocell's middle, in shares of 255; one number where light comes everywhere.
 @group(0) @binding(12) var occlusion_shares: texture_3d<u32>;
@@ -21,7 +23,13 @@ fn light_at(ray: Ray, along: f32) -> f32 {
     }
     let last = vec3<i32>(textureDimensions(occlusion_shares)) - 1;
     let position = ray.origin + (along - TOWARDS_VIEWER) * ray.direction;
-    let place = clamp(position * frame.inverse_spacing / f32(MACROCELL) - 0.5, vec3<f32>(0.0), vec3<f32>(last));
+    let wanted = position * frame.inverse_spacing / f32(MACROCELL) - 0.5;
+    let place = clamp(wanted, vec3<f32>(0.0), vec3<f32>(last));
+    let beyond = abs(wanted - place);
+    let left = 1.0 - max(max(beyond.x, beyond.y), beyond.z) / FADE;
+    if left <= 0.0 {
+        return 1.0;
+    }
     let low = vec3<i32>(place);
     let high = min(low + 1, last);
     let fraction = place - vec3<f32>(low);
@@ -40,5 +48,5 @@ fn light_at(ray: Ray, along: f32) -> f32 {
         );
         along_y[side] = between_shares(near, far, fraction.y);
     }
-    return 1.0 - frame.occlusion * (between_shares(along_y[0], along_y[1], fraction.z) / 255.0);
+    return 1.0 - frame.occlusion * (left * between_shares(along_y[0], along_y[1], fraction.z) / 255.0);
 }
