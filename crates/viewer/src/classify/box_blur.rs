@@ -32,9 +32,9 @@ fn means([nx, ny, nz]: [usize; 3], axis: usize, reach: usize, shares: &[u16], me
     match axis {
         0 => means.par_chunks_mut(nx).zip(shares.par_chunks(nx)).for_each(|(means, row)| {
             let mut sum: u32 = row.iter().take(reach).map(|&share| u32::from(share)).sum();
-            for x in 0..nx {
+            for (x, blurred) in means.iter_mut().enumerate() {
                 sum += row.get(x + reach).map_or(0, |&share| u32::from(share));
-                means[x] = mean.of(sum);
+                *blurred = mean.of(sum);
                 sum -= x.checked_sub(reach).map_or(0, |x| u32::from(row[x]));
             }
         }),
@@ -88,7 +88,7 @@ impl Mean {
     /// A multiplication in place of the division: exact for counts below 4096, and boxes reach a few cells.
     #[inline(always)]
     fn of(self, sum: u32) -> u16 {
-        (u64::from(sum + self.count / 2) * self.reciprocal >> 40) as u16
+        ((u64::from(sum + self.count / 2) * self.reciprocal) >> 40) as u16
     }
 }
 
