@@ -1,7 +1,7 @@
 //! Means over boxes: repeated three times, a box comes close to a Gaussian.
 //!
-//! Source: W. M. Wells, Efficient synthesis of Gaussian filters by cascaded uniform filters, 1986. Sums are whole numbers, so that
-//! a mean has the same bits however it is gathered.
+//! Source: W. M. Wells, Efficient synthesis of Gaussian filters by cascaded uniform filters, 1986. Sums are whole numbers, so
+//! that a mean has the same bits however it is gathered.
 
 use rayon::prelude::*;
 

@@ -79,8 +79,8 @@ pub struct Occlusion {
 }
 
 impl Occlusion {
-    /// Where regions and curve decide by the voxels' roles; what `planes` cut away, as [`crate::frame::Frame::cutting_planes`] do, keeps no light
-    /// from anywhere.
+    /// Where regions and curve decide by the voxels' roles; what `planes` cut away, which are those of
+    /// [`crate::frame::Frame::cutting_planes`], keeps no light from anywhere.
     #[must_use]
     pub fn of_roles(
         samples: &MacrocellSamples,
