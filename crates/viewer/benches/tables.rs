@@ -5,7 +5,8 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
 use voxrole_viewer::classify::{
-    EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, ValueTable,
+    EmphasisTable, MacrocellRanges, MacrocellSamples, Occlusion, Occupancy, OpacityTable, PreintegrationTable,
+    ValueTable,
 };
 use voxrole_viewer::frame::Frame;
 use voxrole_viewer::reference::roles::Roles;
@@ -79,6 +80,10 @@ fn tables(criterion: &mut Criterion) {
     group.bench_function("its integrals", |bencher| bencher.iter(|| PreintegrationTable::new(black_box(&emphases))));
     group.bench_function("occupancy of 256³", |bencher| {
         bencher.iter(|| Occupancy::new(black_box(&ranges), &table, &frame));
+    });
+    let samples = MacrocellSamples::new(&volume);
+    group.bench_function("occlusion of 256³", |bencher| {
+        bencher.iter(|| Occlusion::of_roles(black_box(&samples), (&volume.description, &[]), &table, &emphases));
     });
     group.bench_function("roles of the CPU", |bencher| {
         bencher.iter(|| Roles::new(black_box(&table), &transfer_function));

@@ -98,6 +98,9 @@ pub struct RenderArgs {
     /// pre goes by a table of one axis, pre-2d by one for every front and back [default: pre].
     #[arg(long, value_enum, hide_possible_values = true, value_name = "post|pre|pre-2d")]
     pub integration: Option<Integration>,
+    /// How much darker places are that lie among much else that is drawn, as creases and insides do, 0 to 1 [default: 0].
+    #[arg(long, value_name = "F", value_parser = parse_share)]
+    pub occlusion: Option<f32>,
     /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
     /// [default: what the GPU has].
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
@@ -230,6 +233,10 @@ fn parse_step(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|step| (low..=high).contains(step)).ok_or_else(|| format!("not between {low} and {high}"))
 }
 
+fn parse_share(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|share| (0.0..=1.0).contains(share)).ok_or_else(|| "not between 0 and 1".to_owned())
+}
+
 fn parse_background(text: &str) -> Result<Background, String> {
     parse_color(text).map_err(|error| error.to_string())
 }
@@ -292,6 +299,7 @@ mod tests {
             (["--size", "99999x10"], "800x600"),
             (["--step", "0"], "between"),
             (["--step", "nan"], "between"),
+            (["--occlusion", "1.1"], "between 0 and 1"),
             (["--camera", "up"], "front"),
             (["--alpha", "concave,2,3,3"], "between 0 and 1"),
             (["--region", "1:2"], "v0:v1"),

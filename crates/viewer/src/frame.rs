@@ -160,7 +160,7 @@ impl Frame {
             distance_scale: volume.d_max_in_spacings() / steps,
             reach: (emphases.largest_d_c() + texel_spacing.length() + half_step) * 1.001,
             light: light_direction(&light_view, settings.light.azimuth, settings.light.elevation),
-            shading: settings.shading,
+            shading: Shading { occlusion: within(settings.shading.occlusion, [0.0, 1.0], 0.0), ..settings.shading },
             background: Vec3::from_array(settings.background),
         }
     }
@@ -208,12 +208,18 @@ impl Frame {
         [near.x.max(near.y).max(near.z).max(0.0), far.x.min(far.y).min(far.z)]
     }
 
+    /// The planes that cut: unit normal, and the largest product with it that is drawn.
+    #[must_use]
+    pub fn cutting_planes(&self) -> &[Vec4] {
+        &self.planes[..self.plane_count as usize]
+    }
+
     /// The part of a ray inside the box that no plane cuts away.
     #[must_use]
     pub fn interval(&self, ray: &Ray) -> Interval {
         let [entry, exit] = self.intersect_box(ray);
         let mut interval = Interval { entry, exit, cut: Vec3::ZERO };
-        for plane in &self.planes[..self.plane_count as usize] {
+        for plane in self.cutting_planes() {
             let normal = plane.truncate();
             let (along, room) = (normal.dot(ray.direction), plane.w - normal.dot(ray.origin));
             // A ray along the plane lies on one side of it as a whole.

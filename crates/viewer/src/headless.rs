@@ -38,6 +38,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     settings.step = arguments.step.unwrap_or(settings.step);
     settings.integration = arguments.integration.unwrap_or(settings.integration);
     settings.jitter |= arguments.jitter;
+    settings.shading.occlusion = arguments.occlusion.unwrap_or(settings.shading.occlusion);
     if arguments.no_skip {
         settings.leaps = false;
         settings.termination_opacity = 1.0;

@@ -51,13 +51,18 @@ impl Ranges {
     }
 }
 
+/// Macrocells along x, y, z of so many voxels.
+pub(super) fn macrocells(voxels: [usize; 3]) -> [usize; 3] {
+    voxels.map(|dim| dim.saturating_sub(1).max(1).div_ceil(MACROCELL as usize))
+}
+
 impl MacrocellRanges {
     /// Gathers the ranges of a volume's macrocells, on every thread.
     #[must_use]
     pub fn new(volume: &VolumeTexels) -> Self {
         let voxels = volume.description.texel_dims().map(|dim| dim as usize);
         let size = MACROCELL as usize;
-        let dims @ [nx, ny, nz] = voxels.map(|dim| dim.saturating_sub(1).max(1).div_ceil(size));
+        let dims @ [nx, ny, nz] = macrocells(voxels);
         let mut ranges = vec![Ranges::NONE; nx * ny * nz];
         ranges.par_chunks_mut(nx).enumerate().for_each(|(row, ranges)| {
             let ends = |first: usize, dim: usize| first * size..=(first * size + size).min(dim - 1);

@@ -2,8 +2,10 @@
 
 pub mod blobs;
 pub mod boundary_emphasis;
+mod box_blur;
 pub mod emphasis_table;
 pub mod macrocells;
+pub mod occlusion;
 pub mod opacity;
 pub mod opacity_correction;
 pub mod preintegration;
@@ -13,6 +15,7 @@ pub mod value_table;
 pub use boundary_emphasis::opacity_by_distance;
 pub use emphasis_table::EmphasisTable;
 pub use macrocells::{MacrocellRanges, Occupancy};
+pub use occlusion::{MacrocellSamples, Occlusion};
 pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;
 pub use preintegration::{PreintegrationCells, PreintegrationTable};

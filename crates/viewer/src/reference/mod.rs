@@ -5,6 +5,7 @@
 
 pub mod cell;
 mod lanes;
+mod occlusion;
 pub mod roles;
 pub mod sampling;
 pub mod shading;
@@ -17,7 +18,7 @@ use voxrole_preprocess::simd;
 
 use crate::cells::CellRay;
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{MacrocellRanges, Occupancy, OpacityTable, ValueTable, correct_opacity};
+use crate::classify::{MacrocellRanges, Occlusion, Occupancy, OpacityTable, ValueTable, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::scene::lines::lines;
 use crate::scene::rasterizer::rasterize;
@@ -28,6 +29,7 @@ use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use cell::Cell;
+use occlusion::{Darkening, occlusion};
 use roles::Roles;
 use sampling::{RoleSample, Sampler};
 use shading::Lighting;
@@ -52,6 +54,8 @@ pub struct RayMarcher<'a> {
     frame: Frame,
     /// Where something can be drawn; `None` where rays do not leap.
     occupancy: Option<Occupancy>,
+    /// How little light comes where; `None` where it comes everywhere.
+    occlusion: Option<Occlusion>,
     surfaces: Surfaces,
 }
 
@@ -98,8 +102,9 @@ impl<'a> RayMarcher<'a> {
             Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
         };
         let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
+        let occlusion = occlusion(volume, &table, roles.emphases(), by_value.as_ref(), &frame);
         let surfaces = Surfaces::of(state, volume)?;
-        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, surfaces })
+        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, occlusion, surfaces })
     }
 
     /// Moves the camera; everything else stays.
@@ -302,6 +307,7 @@ impl<'a> RayMarcher<'a> {
 struct RayLight<'a> {
     frame: &'a Frame,
     lighting: Lighting,
+    darkening: Option<Darkening<'a>>,
     /// Normal of the plane that the ray entered through, 0 where that does not cut.
     cut: Vec3,
     sum: Vec4,
@@ -313,7 +319,8 @@ impl<'a> RayLight<'a> {
     fn new(marcher: &'a RayMarcher<'_>, ray: &Ray, cut: Vec3) -> Self {
         let frame = &marcher.frame;
         let lighting = Lighting::new(-ray.direction, frame.light, &frame.shading);
-        Self { frame, lighting, cut, sum: Vec4::ZERO, depth: f32::NAN }
+        let darkening = marcher.occlusion.as_ref().map(|occlusion| Darkening::new(occlusion, frame, ray));
+        Self { frame, lighting, darkening, cut, sum: Vec4::ZERO, depth: f32::NAN }
     }
 
     /// Whether nothing behind would be seen.
@@ -326,8 +333,9 @@ impl<'a> RayLight<'a> {
     #[inline(always)]
     fn add(&mut self, role: &RoleSample, sample: &Sample, face: f32) {
         let opacity = correct_opacity(role.opacity, sample.step);
-        let color = self.lighting.shade(role.color, role.normal);
-        let color = if face > 0.0 { color.lerp(self.lighting.shade(role.color, self.cut), face) } else { color };
+        let own = self.darkening.as_ref().map_or(role.color, |darkening| darkening.light_at(sample.along) * role.color);
+        let color = self.lighting.shade(own, role.normal);
+        let color = if face > 0.0 { color.lerp(self.lighting.shade(own, self.cut), face) } else { color };
         self.sum += (1.0 - self.sum.w) * opacity * color.extend(1.0);
         if self.depth.is_nan() && self.sum.w >= 0.5 {
             self.depth = sample.along;

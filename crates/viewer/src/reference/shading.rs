@@ -34,7 +34,7 @@ impl Lighting {
         if normal == Vec3::ZERO {
             return color;
         }
-        let Shading { ambient, diffuse, specular } = self.shading;
+        let Shading { ambient, diffuse, specular, .. } = self.shading;
         let aligned = normal.dot(self.halfway);
         let squared = aligned * aligned;
         let fourth = squared * squared;
@@ -47,7 +47,7 @@ impl Lighting {
 mod tests {
     use super::*;
 
-    const SHADING: Shading = Shading { ambient: 0.1, diffuse: 0.5, specular: 0.3 };
+    const SHADING: Shading = Shading { ambient: 0.1, diffuse: 0.5, specular: 0.3, occlusion: 0.0 };
 
     #[test]
     fn both_sides_are_lit_alike() {

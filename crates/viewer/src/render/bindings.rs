@@ -47,6 +47,7 @@ impl Bindings {
                 entry(9, float_texture(TextureViewDimension::D2)),
                 entry(10, float_texture(TextureViewDimension::D2)),
                 entry(11, integer_texture(TextureViewDimension::D2)),
+                entry(12, integer_texture(TextureViewDimension::D3)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -84,6 +85,7 @@ impl Bindings {
                 BindGroupEntry { binding: 9, resource: BindingResource::TextureView(&front_to_back) },
                 BindGroupEntry { binding: 10, resource: BindingResource::TextureView(&opaque_color) },
                 BindGroupEntry { binding: 11, resource: BindingResource::TextureView(&opaque_along) },
+                BindGroupEntry { binding: 12, resource: BindingResource::TextureView(&lookup_textures.occlusion()) },
             ],
         })
     }

@@ -6,6 +6,7 @@ use wgpu::{
 };
 
 use super::gpu::Gpu;
+use super::occlusion_texture::OcclusionTexture;
 use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
@@ -27,6 +28,7 @@ pub struct LookupTextures {
     preintegration: Texture,
     value_table: Texture,
     front_to_back: Texture,
+    occlusion: OcclusionTexture,
     /// What the two hold, and of what: the curve, and the step of the second where it is asked for.
     values: Option<(Curve, Option<f32>, ValueTable)>,
     ranges: MacrocellRanges,
@@ -63,6 +65,7 @@ impl LookupTextures {
             preintegration: preintegration_texture(gpu, 2),
             value_table: value_texture(gpu, "value table", [PARTS + 2, 2]),
             front_to_back: value_texture(gpu, "front to back", [SIDE; 2]),
+            occlusion: OcclusionTexture::new(gpu, volume),
             values: None,
             ranges,
             table: None,
@@ -132,12 +135,19 @@ impl LookupTextures {
             }
             self.drawn = drawn;
         }
-        Changes { textures: is_other, occupancy: is_drawn_elsewhere }
+        let transfer_function = (&state.transfer_function, volume);
+        let is_lit_otherwise = self.occlusion.update(gpu, transfer_function, (table, emphases), values, frame);
+        Changes { textures: is_other || is_lit_otherwise, occupancy: is_drawn_elsewhere }
     }
 
     /// Where something can be drawn; `None` where rays do not leap.
     pub fn occupancy(&self) -> Option<&Occupancy> {
         self.leaping.as_ref()
+    }
+
+    /// How little light comes where, as shaders read it.
+    pub fn occlusion(&self) -> TextureView {
+        self.occlusion.view()
     }
 
     /// The opacity table, the distances of macrocells, which αd goes with which entry, αd, its integrals, and what
@@ -207,7 +217,7 @@ fn preintegration_texture(gpu: &Gpu, rows: u32) -> Texture {
 }
 
 /// Writes a whole texture.
-fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
+pub(super) fn write(gpu: &Gpu, texture: &Texture, bytes: &[u8]) {
     let size = texture.size();
     let rows = size.height * size.depth_or_array_layers;
     let layout = TexelCopyBufferLayout {

@@ -6,6 +6,7 @@ mod brick_march;
 mod geometry;
 pub mod gpu;
 mod lookup_textures;
+mod occlusion_texture;
 mod proxy_geometry;
 mod ray_march;
 mod renderer;

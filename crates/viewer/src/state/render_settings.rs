@@ -106,10 +106,13 @@ pub struct Shading {
     pub diffuse: f32,
     /// `|N·H|⁸`, in white.
     pub specular: f32,
+    /// How much of the light from everywhere and of the lamp's, highlights aside, is kept from places that lie among
+    /// others that are drawn: 0 for none, 1 for all of it where they lie the densest.
+    pub occlusion: f32,
 }
 
 impl Default for Shading {
     fn default() -> Self {
-        Self { ambient: 0.3, diffuse: 0.7, specular: 0.25 }
+        Self { ambient: 0.3, diffuse: 0.7, specular: 0.25, occlusion: 0.0 }
     }
 }

@@ -44,6 +44,7 @@ impl ViewState {
             ("ambient", shading.ambient, [0.0, 1.0]),
             ("diffuse", shading.diffuse, [0.0, 1.0]),
             ("specular", shading.specular, [0.0, 1.0]),
+            ("occlusion", shading.occlusion, [0.0, 1.0]),
             ("light: azimuth", light.azimuth, any),
             ("light: elevation", light.elevation, any),
         ];
@@ -123,6 +124,7 @@ mod tests {
         state.render_settings.technique = Technique::Stacks;
         state.render_settings.integration = Integration::PostClassified;
         state.render_settings.image_size = [1, 16384];
+        state.render_settings.shading.occlusion = 0.7;
         state.scene.axes = true;
         state.scene.meshes = vec!["a,b.stl,00FF00".parse().expect("a mesh")];
         state.scene.isosurfaces = vec!["0.1,FF0000".parse().expect("an isosurface")];
@@ -155,6 +157,7 @@ mod tests {
             ("[camera]\nzoom = 0\n", "zoom = 0 is not between"),
             ("[camera]\nazimuth = nan\n", "azimuth = NaN"),
             ("[render_settings]\nstep = -1\n", "step = -1"),
+            ("[render_settings.shading]\nocclusion = 1.5\n", "occlusion = 1.5 is not between 0 and 1"),
             ("[render_settings]\nimage_size = [0, 5]\n", "image_size"),
             ("[clipping]\nplanes = [\"0,0\", \"0,0\", \"0,0\", \"0,0\", \"0,0\"]\n", "4 at most"),
         ] {

@@ -30,6 +30,8 @@ pub fn render_settings_ui(ui: &mut Ui, settings: &mut RenderSettings, classifica
         slider_row(ui, "ambient", "Light from everywhere", true, share(&mut shading.ambient));
         slider_row(ui, "diffuse", "Light by the angle to the lamp", true, share(&mut shading.diffuse));
         slider_row(ui, "specular", "Highlights", true, share(&mut shading.specular));
+        let help = "How much darker creases and insides are: what lies among much that is drawn gets less light";
+        slider_row(ui, "occlusion", help, true, share(&mut shading.occlusion));
         let light = &mut settings.light;
         let azimuth = Slider::new(&mut light.azimuth, -180.0..=180.0).fixed_decimals(0).suffix("°");
         slider_row(ui, "light azimuth", "To the right", true, azimuth);

@@ -6,6 +6,7 @@ mod by_value;
 mod clipping;
 mod cpu_gpu;
 mod integration;
+mod occlusion;
 mod packed_file;
 mod painted;
 mod phantom;

@@ -11,13 +11,14 @@ const FACE_DEPTH: f32 = 0.5;
 
 // What a sample sends to the viewer: colour premultiplied by opacity, and opacity. `face` is the share of it that lies
 // on the face of a cut with a normal that is not 0.
-fn light_of_sample(role: RoleSample, ray: Ray, cut: vec3<f32>, face: f32, step: f32) -> vec4<f32> {
+fn light_of_sample(role: RoleSample, ray: Ray, along: f32, cut: vec3<f32>, face: f32, step: f32) -> vec4<f32> {
+    let own = light_at(ray, along) * role.color;
     let opacity = correct_opacity(role.opacity, step);
     // A face that was cut is lit as such, to a depth that does not depend on the step.
     let share = select(0.0, face, any(cut != vec3<f32>(0.0)));
-    var color = shade(role.color, select(role.normal, cut, share == 1.0), -ray.direction);
+    var color = shade(own, select(role.normal, cut, share == 1.0), -ray.direction);
     if share > 0.0 && share < 1.0 {
-        color = mix(color, shade(role.color, cut, -ray.direction), share);
+        color = mix(color, shade(own, cut, -ray.direction), share);
     }
     return opacity * vec4<f32>(color, 1.0);
 }
@@ -157,7 +158,7 @@ fn march(ray: Ray, stretch: Stretch, start: Progress) -> Progress {
         if role.opacity > 0.0 {
             let is_first = !by_cells && count == 0.0 && stretch.begins_at_face;
             let face = select(clamp((stretch.entry + FACE_DEPTH - along) / step + 0.5, 0.0, 1.0), 1.0, is_first);
-            sum += (1.0 - sum.a) * light_of_sample(role, ray, stretch.cut, face, step);
+            sum += (1.0 - sum.a) * light_of_sample(role, ray, along, stretch.cut, face, step);
         }
         // Not a running sum, whose rounding errors would add up.
         count += 1.0;

@@ -11,6 +11,7 @@ pub const SOURCE: &str = concat!(
     include_str!("value.wgsl"),
     include_str!("shading.wgsl"),
     include_str!("leaping.wgsl"),
+    include_str!("occlusion.wgsl"),
     include_str!("opaque.wgsl"),
     include_str!("cells.wgsl"),
     include_str!("compositing.wgsl"),
@@ -29,6 +30,7 @@ mod tests {
     use super::*;
     use crate::classify::emphasis_table::INTERVALS;
     use crate::classify::macrocells::MACROCELL;
+    use crate::classify::occlusion::{FADE, TOWARDS_VIEWER};
     use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
     use crate::classify::preintegration::{LEVELS, SHORTEST, STRETCHES};
     use crate::classify::value_table::{NARROW, PARTS, SIDE};
@@ -38,7 +40,7 @@ mod tests {
     use crate::scene::projection;
     use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 12] = [
+    const CHUNKS: [(&str, &str); 13] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -46,6 +48,7 @@ mod tests {
         ("value", include_str!("value.wgsl")),
         ("shading", include_str!("shading.wgsl")),
         ("leaping", include_str!("leaping.wgsl")),
+        ("occlusion", include_str!("occlusion.wgsl")),
         ("opaque", include_str!("opaque.wgsl")),
         ("cells", include_str!("cells.wgsl")),
         ("compositing", include_str!("compositing.wgsl")),
@@ -93,6 +96,8 @@ mod tests {
         assert!(SOURCE.contains(&format!("const SIDE: f32 = {SIDE}.0;")));
         assert!(SOURCE.contains(&format!("const NARROW: f32 = {NARROW:?};")));
         assert!(SOURCE.contains(&format!("const MACROCELL: i32 = {MACROCELL};")));
+        assert!(SOURCE.contains(&format!("const TOWARDS_VIEWER: f32 = {TOWARDS_VIEWER:?};")));
+        assert!(SOURCE.contains(&format!("const FADE: f32 = {FADE:?};")));
         assert!(SOURCE.contains(&format!("const VALUE_BINS: u32 = {VALUE_BINS}u;")));
         assert!(SOURCE.contains(&format!("const GRADIENT_BINS: u32 = {GRADIENT_BINS}u;")));
     }

@@ -27,7 +27,8 @@ struct Uniforms {
     // What decides on colour and opacity: see value.wgsl.
     classification: u32,
     inverse_spacing: vec3<f32>,
-    padding_after_inverse_spacing: f32,
+    // How much of what `occlusion_shares` says counts.
+    occlusion: f32,
     light: vec3<f32>,
     padding_after_light: f32,
     background: vec3<f32>,
