@@ -121,7 +121,7 @@ def drawn(view, file, picture, azimuth, elevation, regions, options):
 
 def main(view, voxrole, out, *volumes):
     os.makedirs(out, exist_ok=True)
-    print("volume | voxrole, s | VTK, s | ratio")
+    print("volume | voxrole, s | the same without integration, s | VTK, s | ratios")
     for volume in volumes:
         name = os.path.splitext(os.path.basename(volume))[0]
         packed, nrrd = os.path.join(out, name + ".vxr"), os.path.join(out, name + "-value.nrrd")
@@ -135,14 +135,17 @@ def main(view, voxrole, out, *volumes):
             typed += ["--region", f"{low}:{high},{weakest}:{strongest},{colour},{alpha}"]
         peer = Vtk(nrrd, regions)
         peer.draw(0, 0)
-        ours, theirs = [], []
+        ours, plain, theirs = [], [], []
         for turn in range(ROUNDS):
             camera = (30 + 15 * turn, 20)
             ours.append(drawn(view, packed, os.path.join(out, name + ".png"), *camera, typed, []))
+            post = os.path.join(out, name + "-post.png")
+            plain.append(drawn(view, packed, post, *camera, typed, ["--integration", "post"]))
             theirs.append(peer.draw(*camera))
         peer.save(os.path.join(out, name + "-vtk.png"))
-        ratio = statistics.median(other / own for own, other in zip(ours, theirs))
-        print(f"{name} | {statistics.median(ours):.3f} | {statistics.median(theirs):.3f} | {ratio:.2f}", flush=True)
+        times = [statistics.median(seconds) for seconds in (ours, plain, theirs)]
+        ratios = [statistics.median(other / own for own, other in zip(seconds, theirs)) for seconds in (ours, plain)]
+        print(name, *(f"{time:.3f}" for time in times), ", ".join(f"{ratio:.2f}" for ratio in ratios), sep=" | ", flush=True)
 
 
 if __name__ == "__main__":

@@ -130,7 +130,7 @@ impl<S: Simd> RoleLanes<S> {
         by_role * (start + (place - interval.to_float::<f32x8<S>>()) * (end - start))
     }
 
-    /// The integral of the optical depth from 0 to a signed distance, as [`PreintegrationCells::integral`].
+    /// The integral of the optical depth from 0 to a signed distance, out of [`PreintegrationCells::cells`].
     #[inline(always)]
     pub(super) fn integral(&self, simd: S, roles: &Roles, distance: f32x8<S>) -> f32x8<S> {
         let is_low = distance.simd_lt(0.0);
