@@ -11,7 +11,8 @@ use glam::{BVec3, Vec3};
 use crate::classify::macrocells::MACROCELL;
 use crate::frame::{Frame, Ray};
 
-/// A ray through a grid of cells; cells are given by their lowest voxels, and the outermost ones have no outer side.
+/// A ray through a grid of cells, which are given by the indices of their lowest voxels; the outermost ones have no outer
+/// side. Places along the ray are in multiples of `L_min`, as the frame's space is.
 #[derive(Clone, Copy, Debug)]
 pub struct CellRay {
     origin: Vec3,

@@ -100,6 +100,15 @@ pub struct Sample {
     pub half_step: f32,
 }
 
+impl Sample {
+    /// The share of it that lies on the face of a cut through which its ray enters so far along.
+    #[must_use]
+    #[inline(always)]
+    pub fn share_of_face(&self, entry: f32) -> f32 {
+        ((entry + FACE_DEPTH - self.along) / self.step + 0.5).clamp(0.0, 1.0)
+    }
+}
+
 impl Samples {
     /// Of the part of a ray that is drawn; `share` says where in a step the samples of [`Technique::Rays`] lie. The ray
     /// ends at `opaque` at the latest, which is infinite for none.
@@ -187,9 +196,7 @@ impl Samples {
     #[must_use]
     #[inline(always)]
     pub fn share_of_face(&self, count: f32, sample: &Sample) -> f32 {
-        let [entry, _] = self.interval;
-        let behind = ((entry + FACE_DEPTH - sample.along) / sample.step + 0.5).clamp(0.0, 1.0);
-        if count == 0.0 { 1.0 } else { behind }
+        if count == 0.0 { 1.0 } else { sample.share_of_face(self.interval[0]) }
     }
 
     /// The number of a sample that follows `count`, and that no sample precedes that lies beyond a place along the ray.

@@ -114,8 +114,8 @@ impl<S: Simd> Cell<S> {
         lit.any_true()
     }
 
-    /// The samples at places within the cell, 0 to 1 along each axis, over `half_step` to either side; that is 0 where a
-    /// place counts for all of it. Two at once hardly take longer than one, which leaves the processor waiting.
+    /// The samples at places within the cell, 0 to 1 along each axis, by the rule of [`super::sampling`], over `half_step`
+    /// multiples of `L_min` to either side; that is 0 where a place counts for all of it. Two at once hardly take longer than one, which leaves the processor waiting.
     #[inline(always)]
     pub fn sample<const N: usize>(
         &mut self,

@@ -290,8 +290,7 @@ impl<'a> RayMarcher<'a> {
                     for role in &roles {
                         if role.opacity > 0.0 && !light.is_opaque() {
                             let sample = Sample { along: middle(piece), step, half_step: 0.5 * step };
-                            let face = (entry + FACE_DEPTH - sample.along) / step + 0.5;
-                            light.add(role, &sample, if cut == Vec3::ZERO { 0.0 } else { face.clamp(0.0, 1.0) });
+                            light.add(role, &sample, if cut == Vec3::ZERO { 0.0 } else { sample.share_of_face(entry) });
                         }
                         piece += 1.0;
                     }
