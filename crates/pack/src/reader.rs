@@ -13,7 +13,7 @@ use crate::directory::{Directory, Entry, Extent, Order, Place, Section, Table};
 use crate::error::vec_with_capacity;
 use crate::geometry::GridGeometry;
 use crate::header::Header;
-use crate::histogram::{Histogram, HistogramKind};
+use crate::histogram::{Histogram, HistogramKind, HistogramShape};
 use crate::layer::{Layer, LayerKind, Quantization};
 use crate::mask;
 use crate::packed_brick::boundary_mask;
@@ -65,6 +65,9 @@ impl BrickUnpacker {
         Ok(Self { unpacker: Unpacker::new()?, stored: Vec::new(), mask: Vec::new() })
     }
 }
+
+/// How many damaged bricks and histograms a message names besides the first.
+const DAMAGE_NAMED: usize = 16;
 
 /// What [`Reader::verify`] looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -349,9 +352,9 @@ impl Reader {
     /// Reads everything and checks every byte.
     ///
     /// # Errors
-    /// The first damage by brick and layer, and how much more there is.
+    /// The first damage by brick and layer, and where else there is some.
     pub fn verify(&self) -> Result<Verified> {
-        let (mut bricks, mut damage) = (0, Vec::new());
+        let (mut bricks, mut damage) = (0, Vec::<(String, Error)>::new());
         for level in 0..self.levels() {
             let grid = self.grid(level)?;
             for table in self.directory.order().tables() {
@@ -362,19 +365,26 @@ impl Reader {
                         self.verify_brick::<T>(layer, level, brick, &grid)
                     }),
                 };
-                damage.par_extend((0..grid.len()).into_par_iter().filter_map(|brick| check(brick).err()));
+                let named = |brick| check(brick).err().map(|error| (self.name(table, level, brick), error));
+                damage.par_extend((0..grid.len()).into_par_iter().filter_map(named));
             }
         }
         let histograms = 0..self.header.histograms.len();
-        damage.extend(histograms.filter_map(|index| self.read_histogram_at(index).err()));
-        let more = damage.len().saturating_sub(1);
-        match damage.into_iter().next() {
-            None => Ok(Verified { bricks, bytes: self.file_bytes }),
-            Some(Error::Format(first)) if more > 0 => {
-                Err(Error::Format(format!("{first}; {more} more bricks or histograms are damaged")))
+        damage.extend(histograms.filter_map(|index| {
+            let error = self.read_histogram_at(index).err()?;
+            Some((histogram_name(&self.header.histograms[index]), error))
+        }));
+        let mut damage = damage.into_iter();
+        let Some((_, first)) = damage.next() else { return Ok(Verified { bricks, bytes: self.file_bytes }) };
+        let others: Vec<_> = damage.by_ref().take(DAMAGE_NAMED).map(|(name, _)| name).collect();
+        let more = damage.count();
+        let and_more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        Err(match first {
+            Error::Format(first) if !others.is_empty() => {
+                Error::Format(format!("{first}; damaged too: {}{and_more}", others.join(", ")))
             }
-            Some(first) => Err(first),
-        }
+            first => first,
+        })
     }
 
     fn verify_mask(&self, level: usize, brick: usize, grid: &BrickGrid) -> Result<()> {
@@ -410,7 +420,7 @@ impl Reader {
 
     fn read_histogram_at(&self, index: usize) -> Result<Histogram> {
         let shape = self.header.histograms[index].clone();
-        let name = || format!("histogram `{}`", shape.kind.name());
+        let name = || histogram_name(&shape);
         let bins = shape.bin_count().unwrap_or(0) as usize;
         let entry = self.directory.entry(self.directory.order().histogram(index))?;
         let counts = self.unpackers.lend(BrickUnpacker::new, |tools| {
@@ -562,6 +572,10 @@ fn check_extents(directory: &Directory, prologue: &Prologue) -> Result<()> {
         return Err(Error::Format(format!("{position} bytes of {} are listed", prologue.file_bytes)));
     }
     Ok(())
+}
+
+fn histogram_name(shape: &HistogramShape) -> String {
+    format!("histogram `{}`", shape.kind.name())
 }
 
 fn named(error: Error, name: &str) -> Error {

@@ -286,6 +286,13 @@ fn damage_is_named() {
     bytes[extent.offset as usize] ^= 1;
     let message = fails(&bytes, folder.path()).expect("is noticed").to_string();
     assert!(message.contains("brick 2 of layer `distance`") && message.contains("checksum"), "{message}");
+    // And what else there is.
+    let other = Reader::open(&path).expect("opens").brick_entry(LayerKind::Value, 0, 0).expect("is there");
+    let Place::Stored(extent) = other.place else { panic!("varies") };
+    bytes[extent.offset as usize] ^= 1;
+    let message = fails(&bytes, folder.path()).expect("is noticed").to_string();
+    assert!(message.starts_with("brick 0 of layer `value`"), "{message}");
+    assert!(message.ends_with("; damaged too: brick 2 of layer `distance`"), "{message}");
 }
 
 /// Replaces bytes inside the header, or inside the directory, and makes all checksums right again.

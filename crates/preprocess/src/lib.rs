@@ -54,6 +54,7 @@ pub mod smoothing_study;
 pub mod source;
 pub mod stencil;
 pub mod summary;
+pub mod usage;
 pub mod working_field;
 pub mod zero_crossing;
 

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use voxrole_preprocess::console::tell;
+use voxrole_preprocess::usage::exit_code;
 
 fn main() -> ExitCode {
     // 130 is what shells give for an interrupt. Without a handler temporary files and folders would merely stay.
@@ -20,7 +21,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // The alternate form is the whole chain of causes.
             tell(format!("voxrole: {error:#}"));
-            ExitCode::FAILURE
+            exit_code(&error)
         }
     }
 }

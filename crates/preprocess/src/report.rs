@@ -10,7 +10,7 @@ use crate::bilateral::RangeWeights;
 /// Time, work and outcome of a run. All but the seconds are the same for any number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// The input's file name.
+    /// The input's file name; in what the program writes, the path that was typed.
     pub input: String,
     /// Voxels along x, y, z.
     pub dims: [u32; 3],

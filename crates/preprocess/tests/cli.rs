@@ -37,10 +37,19 @@ impl Workplace {
 
     /// Runs a command that must fail cleanly: exit code 1, no panic, nothing written. Returns its message.
     fn fail(&self, line: &str) -> String {
+        self.fail_with(1, line)
+    }
+
+    /// As [`Self::fail`], with the exit code of a command line that asks for what cannot be.
+    fn refuse(&self, line: &str) -> String {
+        self.fail_with(2, line)
+    }
+
+    fn fail_with(&self, code: i32, line: &str) -> String {
         let before = self.names();
         let output = self.run(line);
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{line}: {errors}");
+        assert_eq!(output.status.code(), Some(code), "{line}: {errors}");
         assert!(!errors.contains("panicked"), "{line}: {errors}");
         assert_eq!(self.names(), before, "{line} left a file behind");
         errors
@@ -101,7 +110,7 @@ fn the_main_job() {
         assert!(workplace.read(&format!("{kind}.png")).starts_with(b"\x89PNG"));
         assert!(workplace.read(&format!("{kind}.csv")).len() > 50);
     }
-    for field in ["value", "distance", "second-derivative", "hit-gradient"] {
+    for field in ["value", "distance", "hit-gradient", "normal", "role", "gradient-magnitude", "second-derivative"] {
         workplace.succeed(&format!("slice ball.vxr --field {field} --axis y --index 10 -o {field}.png"));
         assert!(workplace.read(&format!("{field}.png")).starts_with(b"\x89PNG"));
     }
@@ -326,15 +335,22 @@ fn wrong_requests_are_explained() {
     for (line, reason) in [
         ("export lean.vxr --field second-derivative -o out.nrrd", "--keep derivatives"),
         ("slice ball.vxr --field value --axis z --index 16 -o out.png", "16"),
+        ("prepare ball.nrrd -o ball.nrrd", "overwritten"),
+        ("prepare ball.nrrd -o out.vxr --report no/such.json", "no folder"),
+        ("phantom marschner-lobb --dims 8,8,8 -o out.nrrd --truth truth2.nrrd", "never sharp"),
+        ("phantom ball --dims 8,8,8 -o out.nrrd --crossing no/such.nrrd", "no folder"),
+    ] {
+        let message = workplace.fail(line);
+        assert!(message.contains(reason), "{line}: {message}");
+    }
+    for (line, reason) in [
         ("histogram ball.vxr --kind v-g -o out.txt", ".png"),
         ("prepare ball.nrrd -o out.vxr --step 0", "--step"),
         ("prepare ball.nrrd -o out.vxr --dmax 0.1", "--dmax"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --spatial-sigma 0", "--spatial-sigma"),
-        ("prepare ball.nrrd -o ball.nrrd", "overwritten"),
         ("export ball.vxr --field value -o ball.vxr", "ball.vxr"),
         ("slice ball.vxr --field value --axis z --index 3 -o out.jpg", "png"),
         ("histogram ball.vxr --kind v-g -o .", "."),
-        ("prepare ball.nrrd -o out.vxr --report no/such.json", "no folder"),
         ("prepare ball.nrrd -o out.vxr --report out.vxr", "two outputs"),
         ("prepare ball.nrrd -o out.vxr --radius 3", "--smooth"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
@@ -352,12 +368,10 @@ fn wrong_requests_are_explained() {
         ("phantom ball --dims 8,8,8 --value-scale 0 -o out.nrrd", "value scale"),
         ("phantom ball --dims 8,8,8 --value-scale 1e38 -o out.nrrd", "f32"),
         ("phantom ball --dims 8,8,8 --value-offset 3 --dtype u12 -o out.nrrd", "range of stored numbers"),
-        ("phantom marschner-lobb --dims 8,8,8 -o out.nrrd --truth truth2.nrrd", "never sharp"),
         ("phantom marschner-lobb --dims 8,8,8 --blur 2 -o out.nrrd", "blur"),
         ("phantom ball --dims 8,8,8 -o out.nrrd --truth out.nrrd", "two outputs"),
-        ("phantom ball --dims 8,8,8 -o out.nrrd --crossing no/such.nrrd", "no folder"),
     ] {
-        let message = workplace.fail(line);
+        let message = workplace.refuse(line);
         assert!(message.contains(reason), "{line}: {message}");
     }
 }
@@ -453,7 +467,7 @@ fn nothing_of_another_kind_is_replaced() {
         assert!(message.contains("b.nrrd: expected a") && message.contains("remove it first"), "{message}");
     }
     assert_eq!(workplace.read("b.nrrd"), before);
-    let message = workplace.fail("prepare a.nrrd b.nrrd -o both.vxr");
+    let message = workplace.refuse("prepare a.nrrd b.nrrd -o both.vxr");
     assert!(message.contains("expected a folder for the packed files of 2 volumes"), "{message}");
     // Its own kind is.
     workplace.succeed("prepare a.nrrd -o a.vxr --report a.json");
@@ -478,7 +492,7 @@ fn a_volume_without_boundaries_is_warned_of() {
 fn a_step_that_takes_for_ever_is_refused() {
     let workplace = Workplace::new();
     workplace.succeed("phantom ball --dims 12,12,12 -o a.nrrd");
-    assert!(workplace.fail("prepare a.nrrd -o a.vxr --step 1e-9").contains("--step"));
+    assert!(workplace.refuse("prepare a.nrrd -o a.vxr --step 1e-9").contains("--step"));
 }
 
 /// A full disk under the log, or nobody who reads it, must not cost a night's work.

@@ -6,17 +6,17 @@ use std::path::Path;
 use anyhow::Context;
 use voxrole_pack::{HistogramKind, Reader};
 use voxrole_preprocess::console::print;
-use voxrole_preprocess::fields::{Field, read_field};
+use voxrole_preprocess::fields::Field;
 use voxrole_preprocess::io::read_volume;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
-use voxrole_preprocess::plot::{HistogramLabels, SliceAxis, SliceShading, histogram_png, slice_png};
+use voxrole_preprocess::plot::{HistogramLabels, SliceAxis, field_slice_png, histogram_png};
 use voxrole_preprocess::progress::Progress;
 use voxrole_preprocess::settings::{Method, Settings};
+use voxrole_preprocess::usage::refuse_if;
 use voxrole_preprocess::{Grid, prepare};
 
 use crate::args::DemoArgs;
 use crate::headless::{self, write};
-use crate::usage::refuse_if;
 
 /// Edge of the demo's own phantom, in voxels.
 const PHANTOM_EDGE: u32 = 128;
@@ -83,23 +83,10 @@ fn histograms(reader: &Reader, folder: &Path) -> anyhow::Result<()> {
 }
 
 fn slices(reader: &Reader, folder: &Path) -> anyhow::Result<()> {
-    let geometry = &reader.header().geometry;
-    let middle = geometry.dims[2] / 2;
-    for (name, field) in [
-        ("value", Field::Value),
-        ("distance", Field::Distance),
-        ("second-derivative", Field::SecondDerivative),
-        ("hit-gradient", Field::HitGradient),
-    ] {
-        let values = read_field(reader, field)?;
-        let shading = match field {
-            Field::Distance => SliceShading::Distance { d_max: reader.distance_quantization()?.d_max },
-            Field::SecondDerivative => SliceShading::second_derivative(&values),
-            Field::HitGradient => SliceShading::hit_gradient(&values),
-            _ => SliceShading::value(&values),
-        };
-        let picture = slice_png(&values, geometry, SliceAxis::Z, middle, &shading)?;
-        write(&folder.join(format!("slice-{name}.png")), &picture)?;
+    let middle = reader.header().geometry.dims[2] / 2;
+    for field in [Field::Value, Field::Distance, Field::SecondDerivative, Field::HitGradient] {
+        let picture = field_slice_png(reader, field, SliceAxis::Z, middle)?;
+        write(&folder.join(format!("slice-{}.png", field.name())), &picture)?;
     }
     Ok(())
 }

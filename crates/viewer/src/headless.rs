@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, bail};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::io::ReadOptions;
+use voxrole_preprocess::usage::{UsageError, check_extension, refuse_if};
 
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
@@ -17,7 +18,7 @@ use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
 use crate::state::{Camera, Classification, Region, TransferFunction, ViewState};
-use crate::usage::{check_render, check_view, refuse_if};
+use crate::usage::{check_render, check_view};
 use crate::volume::VolumeTexels;
 
 /// Pictures of an animation shown each second.
@@ -96,17 +97,18 @@ impl<'a> Outputs<'a> {
             |path: &Path, extension: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
         let is_animation = is_named(output, "apng");
         if !is_animation && !is_named(output, "png") {
-            bail!("{}: what is written is png, or apng for an animation; name it so", output.display());
+            let message = format!("{}: what is written is png, or apng for an animation; name it so", output.display());
+            return Err(UsageError(message).into());
         }
         let is_deep = *bits == Bits::Sixteen;
         refuse_if(is_animation && is_deep, format!("{}: animations have 8 bits a channel", output.display()))?;
         if let Some(path) = depth {
-            ensure!(is_named(path, "npy"), "{}: what is written is npy; name it so", path.display());
+            check_extension(path, "npy")?;
             let several = frames.is_some() || is_animation;
             refuse_if(several, "--depth is that of one picture: draw one, without --frames")?;
         }
         if let Some(path) = save_session {
-            ensure!(is_named(path, "toml"), "{}: what is written is toml; name it so", path.display());
+            check_extension(path, "toml")?;
         }
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
         let outputs = Self { arguments, is_animation, need_light: is_deep || *transparent || depth.is_some(), frames };
@@ -116,7 +118,8 @@ impl<'a> Outputs<'a> {
         inputs.extend(arguments.view.session.as_deref());
         for (index, path) in paths.iter().enumerate() {
             atomic_file::check_output(path, &inputs).with_context(|| format!("writing {}", path.display()))?;
-            ensure!(!paths[..index].contains(path), "{}: two outputs cannot be one file", path.display());
+            let is_taken = paths[..index].contains(path);
+            refuse_if(is_taken, format!("{}: two outputs cannot be one file", path.display()))?;
         }
         Ok(outputs)
     }

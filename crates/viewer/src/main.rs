@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use voxrole_preprocess::console::tell;
+use voxrole_preprocess::usage::exit_code;
 use voxrole_viewer::args::{Cli, Command};
-use voxrole_viewer::usage::is_usage;
 use voxrole_viewer::{bench, demo, headless};
 
 fn main() -> ExitCode {
@@ -28,8 +28,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // The alternate form is the whole chain of causes.
             tell(format!("voxrole-view: {error:#}"));
-            // 2 is what clap gives.
-            if is_usage(&error) { ExitCode::from(2) } else { ExitCode::FAILURE }
+            exit_code(&error)
         }
     }
 }

@@ -3,27 +3,10 @@
 //! What is typed is held against what it comes to with a session. A session may say more than counts: it is kept while
 //! one setting or another is tried.
 
+use voxrole_preprocess::usage::{UsageError, refuse_if};
+
 use crate::args::{RenderArgs, ViewArgs};
 use crate::state::{Classification, Clipping, Integration, Scene, Technique, ViewState};
-
-/// The command line asks for what cannot be; the programs' exit code is 2, as for one that is not understood.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct UsageError(pub String);
-
-/// Whether an error comes of the command line alone.
-#[must_use]
-pub fn is_usage(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| cause.is::<UsageError>())
-}
-
-/// Refuses with a message, where it is so.
-///
-/// # Errors
-/// [`UsageError`] with that message.
-pub fn refuse_if(is_so: bool, message: impl Into<String>) -> Result<(), UsageError> {
-    if is_so { Err(UsageError(message.into())) } else { Ok(()) }
-}
 
 /// Holds what was typed of a view against what it comes to.
 ///
@@ -92,7 +75,6 @@ pub fn check_render(typed: &RenderArgs, state: &ViewState) -> Result<(), UsageEr
 
 #[cfg(test)]
 mod tests {
-    use anyhow::Context;
     use clap::Parser;
 
     use super::*;
@@ -158,11 +140,5 @@ mod tests {
         ] {
             assert_eq!(check(options, &session), Ok(()), "{options}");
         }
-    }
-
-    #[test]
-    fn causes_are_found_under_any_context() {
-        let error = refuse_if(true, "no").context("a.vxr").context("drawing").expect_err("is refused");
-        assert!(is_usage(&error) && !is_usage(&anyhow::anyhow!("no")));
     }
 }

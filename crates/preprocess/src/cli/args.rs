@@ -174,7 +174,7 @@ pub struct ExportArgs {
         required_unless_present = "all",
         conflicts_with = "all"
     )]
-    pub field: Vec<ExportField>,
+    pub field: Vec<FieldArg>,
     /// Write every field that the file has.
     #[arg(long)]
     pub all: bool,
@@ -214,9 +214,9 @@ pub struct HistogramArgs {
 pub struct SliceArgs {
     /// Packed file (.vxr).
     pub file: PathBuf,
-    /// What to draw; distance is the paper's flipped image, second-derivative red where negative and blue where positive.
+    /// What to draw.
     #[arg(long, value_enum)]
-    pub field: SliceField,
+    pub field: FieldArg,
     /// Axis at right angles to the slice.
     #[arg(long, value_enum)]
     pub axis: AxisArg,
@@ -387,33 +387,33 @@ pub enum KeepArg {
 
 /// `export --field`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum ExportField {
-    /// Physical value.
+pub enum FieldArg {
+    /// Physical value; in a slice grey.
     Value,
-    /// Signed distance.
+    /// Signed distance; in a slice the paper's flipped image, white at the boundary.
     Distance,
-    /// Gradient magnitude at the hit.
+    /// Gradient magnitude at the hit; in a slice from violet to yellow.
     HitGradient,
-    /// Unit gradient direction along the world's axes.
+    /// Unit gradient direction along the world's axes; in a slice its parts along x, y, z as red, green, blue.
     Normal,
-    /// Role as a number.
+    /// Role as a number; in a slice white on a boundary, red on its low-value side, blue on the other.
     Role,
-    /// Gradient magnitude at the voxel.
+    /// Gradient magnitude at the voxel; in a slice from violet to yellow.
     GradientMagnitude,
-    /// Second derivative along the gradient.
+    /// Second derivative along the gradient; in a slice red where negative, blue where positive.
     SecondDerivative,
 }
 
-impl From<ExportField> for Field {
-    fn from(field: ExportField) -> Self {
+impl From<FieldArg> for Field {
+    fn from(field: FieldArg) -> Self {
         match field {
-            ExportField::Value => Self::Value,
-            ExportField::Distance => Self::Distance,
-            ExportField::HitGradient => Self::HitGradient,
-            ExportField::Normal => Self::Normal,
-            ExportField::Role => Self::Role,
-            ExportField::GradientMagnitude => Self::GradientMagnitude,
-            ExportField::SecondDerivative => Self::SecondDerivative,
+            FieldArg::Value => Self::Value,
+            FieldArg::Distance => Self::Distance,
+            FieldArg::HitGradient => Self::HitGradient,
+            FieldArg::Normal => Self::Normal,
+            FieldArg::Role => Self::Role,
+            FieldArg::GradientMagnitude => Self::GradientMagnitude,
+            FieldArg::SecondDerivative => Self::SecondDerivative,
         }
     }
 }
@@ -446,19 +446,6 @@ impl From<FormatArg> for ExportFormat {
             FormatArg::OmeZarr => Self::OmeZarr,
         }
     }
-}
-
-/// `slice --field`.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum SliceField {
-    /// Grey.
-    Value,
-    /// 255·(1 − |d|/d_max).
-    Distance,
-    /// Red negative, blue positive.
-    SecondDerivative,
-    /// Colour map.
-    HitGradient,
 }
 
 /// `slice --axis`.

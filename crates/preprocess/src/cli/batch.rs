@@ -8,10 +8,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, anyhow, bail, ensure};
+use anyhow::{Context, anyhow, ensure};
 use serde::Serialize;
 use voxrole_pack::prologue::MAGIC;
 use voxrole_preprocess::report::Report;
+use voxrole_preprocess::usage::{UsageError, refuse_if};
 
 /// One volume and the packed file that it becomes.
 #[derive(Debug)]
@@ -31,19 +32,19 @@ pub fn tasks(inputs: &[PathBuf], output: &Path) -> anyhow::Result<Vec<Task>> {
         return Ok(vec![Task { input: input.clone(), output: output.to_owned() }]);
     }
     let is_packed_name = output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vxr"));
-    ensure!(
-        !is_packed_name || names_folder(output),
-        "{}: expected a folder for the packed files of {} volumes, found the name of one file",
-        output.display(),
-        inputs.len()
-    );
+    let (named, count) = (output.display(), inputs.len());
+    refuse_if(
+        is_packed_name && !names_folder(output),
+        format!("{named}: expected a folder for the packed files of {count} volumes, found the name of one file"),
+    )?;
     let mut tasks: Vec<Task> = Vec::with_capacity(inputs.len());
     for input in inputs {
         let name = packed_name(input).with_context(|| format!("{}: not the name of a file", input.display()))?;
         let output = output.join(name);
         if let Some(other) = tasks.iter().find(|task| is_same_name(&task.output, &output)) {
             let (a, b) = (other.input.display(), input.display());
-            bail!("{a} and {b} would both be written to {}: rename one", output.display());
+            let message = format!("{a} and {b} would both be written to {}: rename one", output.display());
+            return Err(UsageError(message).into());
         }
         tasks.push(Task { input: input.clone(), output });
     }
@@ -102,7 +103,7 @@ fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
     }
     if let Some(report) = report {
         let is_taken = tasks.iter().any(|task| is_same_name(&task.output, report));
-        ensure!(!is_taken, "{}: two outputs cannot be one file", report.display());
+        refuse_if(is_taken, format!("{}: two outputs cannot be one file", report.display()))?;
     }
     Ok(())
 }
@@ -145,6 +146,21 @@ pub enum Done {
     Prepared(Box<Report>),
     /// The packed file was there already, and was to be left alone.
     Skipped,
+}
+
+impl Done {
+    /// Of a task whose packed file was written; the report names the input as it was typed.
+    pub fn prepared(report: Report, task: &Task) -> Self {
+        Self::Prepared(Box::new(Report { input: named(&task.input), ..report }))
+    }
+
+    /// What `--report` writes of the task.
+    pub fn entry(&self, task: &Task) -> Entry<'_> {
+        match self {
+            Self::Prepared(report) => Entry::Prepared(report),
+            Self::Skipped => Entry::Skipped { input: named(&task.input), skipped: true },
+        }
+    }
 }
 
 /// How many tasks came to which end.
@@ -234,15 +250,18 @@ pub enum Entry<'a> {
 /// What `--report` writes of several inputs, in their order.
 pub fn entries<'a>(tasks: &[Task], outcomes: &'a [Outcome]) -> Vec<Entry<'a>> {
     let entry = |(task, outcome): (&Task, &'a Outcome)| match outcome {
-        Ok(Done::Prepared(report)) => Entry::Prepared(report),
-        Ok(Done::Skipped) => Entry::Skipped { input: file_name(&task.input), skipped: true },
-        Err(error) => Entry::Failed { input: file_name(&task.input), error: format!("{error:#}") },
+        Ok(done) => done.entry(task),
+        Err(error) => Entry::Failed { input: named(&task.input), error: format!("{error:#}") },
     };
     tasks.iter().zip(outcomes).map(entry).collect()
 }
 
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn named(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
 }
 
 fn one_line(text: &str) -> String {
@@ -276,7 +295,7 @@ mod tests {
             let told = AtomicUsize::new(0);
             let work = |task: &Task| match task.input.to_str() {
                 Some("7.nrrd") => panic!("as a fault would"),
-                name => bail!("{}: bad", name.unwrap_or_default()),
+                name => Err(anyhow!("{}: bad", name.unwrap_or_default())),
             };
             let outcomes = run(&tasks, jobs, work, |_, _| _ = told.fetch_add(1, Ordering::Relaxed));
             assert_eq!((outcomes.len(), told.into_inner()), (20, 20));

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::Context;
 use voxrole_pack::Header;
 use voxrole_preprocess::console::tell;
 use voxrole_preprocess::export::{Export, ExportFormat, check_replaceable_folder};
 use voxrole_preprocess::fields::Field;
+use voxrole_preprocess::usage::{UsageError, refuse_if};
 
 use super::args::ExportArgs;
 
@@ -56,31 +57,28 @@ fn is_plain_folder(path: &Path) -> bool {
     path.is_dir() && !ExportFormat::OmeZarr.is_name_of(path)
 }
 
-fn tasks(args: &ExportArgs, fields: &[Field], folder: Option<&Path>) -> anyhow::Result<Vec<Task>> {
+fn tasks(args: &ExportArgs, fields: &[Field], folder: Option<&Path>) -> Result<Vec<Task>, UsageError> {
     let output = args.output.display();
     let by_name = ExportFormat::from_path(&args.output);
     let names = || ExportFormat::ALL.map(|format| format!(".{}", format.extensions()[0])).join(", ");
     let Some(format) = args.format.map(ExportFormat::from).or(if folder.is_some() { None } else { by_name }) else {
-        match folder {
-            Some(_) => bail!("{output}: say with --format what to write into that folder"),
-            None => bail!("{output}: name it as what it is to be ({}), or name a folder that exists", names()),
-        }
+        return Err(UsageError(match folder {
+            Some(_) => format!("{output}: say with --format what to write into that folder"),
+            None => format!("{output}: name it as what it is to be ({}), or name a folder that exists", names()),
+        }));
     };
-    ensure!(
-        !args.compress || matches!(format, ExportFormat::Nrrd | ExportFormat::Vti),
-        "--compress is for NRRD and VTI; NIfTI is packed if its name ends in .nii.gz, OME-Zarr always, the others never"
-    );
+    refuse_if(
+        args.compress && !matches!(format, ExportFormat::Nrrd | ExportFormat::Vti),
+        "--compress is for NRRD and VTI; NIfTI is packed if its name ends in .nii.gz, OME-Zarr always, the others never",
+    )?;
     let export = |field| Export { field, level: args.level, format, compress: args.compress };
     let Some(folder) = folder else {
         let extension = format.extensions()[0];
-        ensure!(
-            format.is_name_of(&args.output),
-            "{output}: what is written is {}; name it .{extension}",
-            format.name()
-        );
+        let message = format!("{output}: what is written is {}; name it .{extension}", format.name());
+        refuse_if(!format.is_name_of(&args.output), message)?;
         return Ok(fields.iter().map(|&field| Task { export: export(field), path: args.output.clone() }).collect());
     };
-    ensure!(by_name.is_none(), "{output}: several fields make several files: name a folder for them");
+    refuse_if(by_name.is_some(), format!("{output}: several fields make several files: name a folder for them"))?;
     let level = if args.level == 0 { String::new() } else { format!("-level{}", args.level) };
     let path = |field: Field| folder.join(format!("{}{level}.{}", field.name(), format.extensions()[0]));
     Ok(fields.iter().map(|&field| Task { export: export(field), path: path(field) }).collect())

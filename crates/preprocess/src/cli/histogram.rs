@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use voxrole_preprocess::plot::{HistogramLabels, histogram_csv, histogram_npy, histogram_png};
+use voxrole_preprocess::usage::UsageError;
 
 use super::args::HistogramArgs;
 
@@ -21,7 +22,12 @@ pub fn run(args: &HistogramArgs) -> anyhow::Result<()> {
         "png" => Form::Picture,
         "csv" => Form::Table,
         "npy" => Form::Arrays,
-        _ => bail!("{}: name a picture (.png), a table (.csv) or an array (.npy)", args.output.display()),
+        _ => {
+            let output = args.output.display();
+            return Err(
+                UsageError(format!("{output}: name a picture (.png), a table (.csv) or an array (.npy)")).into()
+            );
+        }
     };
     super::check_output(&args.output, &[&args.file], None)?;
     let reader = super::open(&args.file)?;

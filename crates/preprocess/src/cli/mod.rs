@@ -20,6 +20,7 @@ use anyhow::{Context, bail, ensure};
 use args::Command;
 use voxrole_pack::{Reader, atomic_file};
 use voxrole_preprocess::console;
+use voxrole_preprocess::usage::check_extension;
 
 /// Runs a command; a failure that was already told is in the exit code only.
 ///
@@ -60,11 +61,7 @@ fn open(path: &Path) -> anyhow::Result<Reader> {
 /// Checks before any work is done that an output can be written, is none of the inputs, and is named as what it will be.
 fn check_output(output: &Path, inputs: &[&Path], extension: Option<&str>) -> anyhow::Result<()> {
     let named = || output.display().to_string();
-    if let Some(extension) = extension
-        && !output.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
-    {
-        bail!("{}: what is written is {extension}; name it so", named());
-    }
+    extension.map_or(Ok(()), |extension| check_extension(output, extension))?;
     if let Some(input) = inputs.iter().find(|input| is_inside(output, input)) {
         bail!("{}: lies in the folder {}, which is an input; write it elsewhere", named(), input.display());
     }

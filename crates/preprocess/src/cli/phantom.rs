@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::Context;
 use voxrole_pack::atomic_file::{self, AtomicFile};
 use voxrole_pack::{GridGeometry, Scalars};
 use voxrole_preprocess::io::nrrd_writer::write_scalars;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
+use voxrole_preprocess::usage::{UsageError, refuse_if};
 
 use super::args::PhantomArgs;
 
@@ -15,9 +16,10 @@ pub fn run(args: &PhantomArgs) -> anyhow::Result<()> {
         return super::print(&list());
     }
     let (Some(phantom), Some(dims), Some(output)) = (args.name, args.dims, &args.output) else {
-        bail!("name a phantom, its --dims and the file to write (-o)");
+        return Err(UsageError("name a phantom, its --dims and the file to write (-o)".into()).into());
     };
     let settings = settings(args, phantom, dims)?;
+    phantom.scene(&settings).map_err(UsageError::from)?;
     let outputs = [Some(output), args.truth.as_ref(), args.crossing.as_ref()];
     check_outputs(&outputs.into_iter().flatten().map(|path| path.as_path()).collect::<Vec<_>>())?;
 
@@ -43,16 +45,15 @@ fn list() -> String {
     Phantom::ALL.into_iter().map(|phantom| format!("{:<15} {}\n", phantom.name(), phantom.description())).collect()
 }
 
-fn settings(args: &PhantomArgs, phantom: Phantom, dims: [u32; 3]) -> anyhow::Result<PhantomSettings> {
-    ensure!(
-        args.thickness.is_none() || phantom == Phantom::SlabPair,
-        "--thickness is for slab-pair; {} has a shape of its own",
-        phantom.name()
-    );
-    ensure!(
-        args.blur.is_none() || phantom != Phantom::MarschnerLobb,
-        "marschner-lobb has no --blur: its formula is as smooth as it is"
-    );
+fn settings(args: &PhantomArgs, phantom: Phantom, dims: [u32; 3]) -> Result<PhantomSettings, UsageError> {
+    refuse_if(
+        args.thickness.is_some() && phantom != Phantom::SlabPair,
+        format!("--thickness is for slab-pair; {} has a shape of its own", phantom.name()),
+    )?;
+    refuse_if(
+        args.blur.is_some() && phantom == Phantom::MarschnerLobb,
+        "marschner-lobb has no --blur: its formula is as smooth as it is",
+    )?;
     let default = PhantomSettings::default();
     Ok(PhantomSettings {
         dims,
@@ -75,7 +76,7 @@ fn settings(args: &PhantomArgs, phantom: Phantom, dims: [u32; 3]) -> anyhow::Res
 fn check_outputs(outputs: &[&Path]) -> anyhow::Result<()> {
     for (index, output) in outputs.iter().enumerate() {
         let (named, others) = (|| output.display().to_string(), &outputs[..index]);
-        ensure!(!others.contains(output), "{}: two outputs cannot be one file", named());
+        refuse_if(others.contains(output), format!("{}: two outputs cannot be one file", named()))?;
         atomic_file::check_output(output, others).with_context(named)?;
     }
     Ok(())

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use sysinfo::System;
 use voxrole_pack::unfinished;
@@ -15,6 +15,7 @@ use voxrole_preprocess::prepare::prepare_file;
 use voxrole_preprocess::report::Report;
 use voxrole_preprocess::root_finder::RootFinder;
 use voxrole_preprocess::settings::{Climb, Method, Settings, Smoothing, SmoothingSettings};
+use voxrole_preprocess::usage::{UsageError, exit_code};
 
 use super::args::{BilateralArg, ClimbArg, EdgeArg, MethodArg, PrepareArgs, RootArg, SmoothArg};
 use super::batch::{self, Done, Outcome, Tally, Task};
@@ -29,7 +30,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     match check_and_run(args, &terminal) {
         Err(error) if terminal.is_json() => {
             terminal.error(None, &error);
-            Ok(ExitCode::FAILURE)
+            Ok(exit_code(&error))
         }
         other => other,
     }
@@ -37,7 +38,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
 
 fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<ExitCode> {
     let settings = settings(args);
-    settings.validate()?;
+    settings.validate().map_err(UsageError::from)?;
     check_filter_options(args, &settings.smoothing)?;
     let tasks = batch::tasks(&args.inputs, &args.output)?;
     let into_folder = tasks.iter().any(|task| task.output != args.output);
@@ -60,7 +61,7 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
             file.notes().iter().for_each(|note| terminal.note(&task.input, note));
             let report = prepare_file(file, &settings, memory, &task.output, &*progress);
             let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
-            report.map(|report| Done::Prepared(report.into())).map_err(|error| with_way_on(error, &task.output))
+            report.map(|report| Done::prepared(report, task)).map_err(|error| with_way_on(error, &task.output))
         })
     };
     let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
@@ -99,7 +100,13 @@ const STACK_BYTES: usize = 2 << 20;
 fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
     let (summary, report) = match (tasks, outcomes) {
         ([_], [Err(_)]) => (String::new(), None),
-        ([task], [Ok(Done::Prepared(report))]) => (summary(report, task), Some(serde_json::to_vec_pretty(report)?)),
+        ([task], [Ok(done)]) => {
+            let text = match done {
+                Done::Prepared(report) => summary(report, task),
+                Done::Skipped => batch::table(tasks, outcomes),
+            };
+            (text, Some(serde_json::to_vec_pretty(&done.entry(task))?))
+        }
         _ => (batch::table(tasks, outcomes), Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)),
     };
     // First what is asked for by name: printing may fail.
@@ -187,16 +194,18 @@ fn settings(args: &PrepareArgs) -> Settings {
 }
 
 /// An option that would do nothing is a mistake.
-fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> anyhow::Result<()> {
+fn check_filter_options(args: &PrepareArgs, smoothing: &SmoothingSettings) -> Result<(), UsageError> {
     let given = |option: &'static str, is_given: bool| is_given.then_some(option);
     let range = given("--range-sigma", args.range_sigma.is_some()).or(given("--bilateral", args.bilateral.is_some()));
     let any =
         range.or(given("--spatial-sigma", args.spatial_sigma.is_some())).or(given("--radius", args.radius.is_some()));
     match (smoothing.placement, any, range) {
         (Smoothing::None, Some(option), _) => {
-            bail!("{option} does nothing without smoothing: choose one with --smooth")
+            Err(UsageError(format!("{option} does nothing without smoothing: choose one with --smooth")))
         }
-        (Smoothing::GaussianValue, _, Some(option)) => bail!("{option} does nothing with --smooth gaussian-value"),
+        (Smoothing::GaussianValue, _, Some(option)) => {
+            Err(UsageError(format!("{option} does nothing with --smooth gaussian-value")))
+        }
         _ => Ok(()),
     }
 }

@@ -3,6 +3,7 @@
 mod axis;
 mod chart;
 pub mod colour;
+mod field_slice;
 mod histogram;
 mod histogram_csv;
 mod histogram_npy;
@@ -20,11 +21,12 @@ use voxrole_pack::{Histogram, HistogramAxis, HistogramKind};
 
 use crate::{Error, Result};
 pub use chart::{AxisScale, Chart, ChartAxis, Line, Point, Series, chart_png, chart_svg};
+pub use field_slice::field_slice_png;
 pub use histogram::histogram_png;
 pub use histogram_csv::histogram_csv;
 pub use histogram_npy::{HistogramArrays, histogram_npy};
 pub use marker::SeriesStyle;
-pub use slice::{SliceAxis, SliceShading, slice_image, slice_png};
+pub use slice::{SliceAxis, SliceShading};
 pub use text_coverage::{TextCoverage, text_coverage};
 
 /// What a histogram's plot and table say about where it comes from.
