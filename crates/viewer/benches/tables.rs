@@ -5,7 +5,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
 use voxrole_viewer::classify::{
-    EmphasisTable, MacrocellRanges, MacrocellSamples, Occlusion, Occupancy, OpacityTable, PreintegrationTable,
+    Drawn, EmphasisTable, MacrocellRanges, MacrocellSamples, Occlusion, Occupancy, OpacityTable, PreintegrationTable,
     ValueTable,
 };
 use voxrole_viewer::frame::Frame;
@@ -82,8 +82,10 @@ fn tables(criterion: &mut Criterion) {
         bencher.iter(|| Occupancy::new(black_box(&ranges), &table, &frame));
     });
     let samples = MacrocellSamples::new(&volume);
+    let occupancy = Occupancy::new(&ranges, &table, &frame);
+    let drawn = Drawn { volume: &volume.description, planes: &[], occupancy: Some(&occupancy) };
     group.bench_function("occlusion of 256³", |bencher| {
-        bencher.iter(|| Occlusion::of_roles(black_box(&samples), (&volume.description, &[]), &table, &emphases));
+        bencher.iter(|| Occlusion::of_roles(black_box(&samples), drawn, &table, &emphases));
     });
     group.bench_function("roles of the CPU", |bencher| {
         bencher.iter(|| Roles::new(black_box(&table), &transfer_function));

@@ -48,7 +48,8 @@ impl EmphasisTable {
     pub fn look_up_row(&self, row: usize, distance: f32) -> f32 {
         let row = &self.numbers[row * ROW..][..ROW];
         let place = (distance * row[0]).min(INTERVALS as f32);
-        let interval = place as usize;
+        // Through the shorter conversion.
+        let interval = place as u32 as usize;
         let (start, end) = (row[1 + interval], row[2 + interval]);
         start + (place - interval as f32) * (end - start)
     }

@@ -15,7 +15,7 @@ pub mod value_table;
 pub use boundary_emphasis::opacity_by_distance;
 pub use emphasis_table::EmphasisTable;
 pub use macrocells::{MacrocellRanges, Occupancy};
-pub use occlusion::{MacrocellSamples, Occlusion};
+pub use occlusion::{Drawn, MacrocellSamples, Occlusion};
 pub use opacity::OpacityTable;
 pub use opacity_correction::correct_opacity;
 pub use preintegration::{PreintegrationCells, PreintegrationTable};

@@ -15,7 +15,7 @@ use voxrole_pack::DistanceQuantization;
 
 use super::box_blur::blur;
 use super::correct_opacity;
-use super::macrocells::{MACROCELL, macrocells};
+use super::macrocells::{MACROCELL, Occupancy, macrocells};
 use super::{EmphasisTable, OpacityTable, ValueTable};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
@@ -33,6 +33,9 @@ pub const TOWARDS_VIEWER: f32 = 10.0;
 
 /// How many macrocells beyond the volume light comes from everywhere: there is nothing that keeps it.
 pub const FADE: f32 = 3.0;
+
+/// Opacities for which it is worked out what a macrocell of it stops: a power is slow.
+const OPACITIES: usize = 256;
 
 /// Value, distance and gradient magnitude of a voxel, as stored.
 type Sample = [u16; 3];
@@ -70,6 +73,17 @@ impl MacrocellSamples {
     }
 }
 
+/// What of a volume keeps light from anywhere.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn<'a> {
+    /// The volume.
+    pub volume: &'a VolumeDescription,
+    /// What they cut away does not: those of [`crate::frame::Frame::cutting_planes`].
+    pub planes: &'a [Vec4],
+    /// Nor does what is known to be empty, where something is.
+    pub occupancy: Option<&'a Occupancy>,
+}
+
 /// How little light comes where.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Occlusion {
@@ -79,48 +93,43 @@ pub struct Occlusion {
 }
 
 impl Occlusion {
-    /// Where regions and curve decide by the voxels' roles; what `planes` cut away, which are those of
-    /// [`crate::frame::Frame::cutting_planes`], keeps no light from anywhere.
+    /// Where regions and curve decide by the voxels' roles.
     #[must_use]
     pub fn of_roles(
         samples: &MacrocellSamples,
-        (volume, planes): (&VolumeDescription, &[Vec4]),
+        drawn: Drawn<'_>,
         table: &OpacityTable,
         emphases: &EmphasisTable,
     ) -> Self {
-        let distance_scale = volume.d_max_in_spacings() / f32::from(DistanceQuantization::MOST_STEPS);
-        Self::new(samples, (volume, planes), |[value, bits, gradient]| {
-            let distance = f32::from(bits as i16) * distance_scale;
-            if !VolumeTexels::has_hit([value, bits, gradient, 0]) || distance.abs() >= emphases.largest_d_c() {
+        let most = f32::from(DistanceQuantization::MOST_STEPS);
+        let distance_scale = drawn.volume.d_max_in_spacings() / most;
+        // Stored distances from this on have no opacity; what has none at all is stored as a longer one.
+        let reach = (emphases.largest_d_c() / distance_scale).ceil().min(most + 1.0) as u16;
+        Self::new(samples, drawn, |[value, bits, gradient]| {
+            let stored = bits as i16;
+            if (gradient == 0) | (stored.unsigned_abs() >= reach) {
                 return 0.0;
             }
-            let ([_, _, _, opacity], emphasis) = table.look_up(f32::from(value), gradient);
-            if opacity > 0.0 { opacity * emphases.look_up(emphasis, distance) } else { 0.0 }
+            let (opacity, emphasis) = table.opacity_of(value, gradient);
+            if opacity > 0.0 { opacity * emphases.look_up(emphasis, f32::from(stored) * distance_scale) } else { 0.0 }
         })
     }
 
     /// Where value alone decides.
     #[must_use]
-    pub fn of_values(
-        samples: &MacrocellSamples,
-        (volume, planes): (&VolumeDescription, &[Vec4]),
-        values: &ValueTable,
-    ) -> Self {
-        Self::new(samples, (volume, planes), |[value, ..]| values.look_up(f32::from(value), f32::from(value)).w)
+    pub fn of_values(samples: &MacrocellSamples, drawn: Drawn<'_>, values: &ValueTable) -> Self {
+        Self::new(samples, drawn, |[value, ..]| values.look_up(f32::from(value), f32::from(value)).w)
     }
 
     /// Where opacity is stored.
     #[must_use]
-    pub fn of_stored(samples: &MacrocellSamples, (volume, planes): (&VolumeDescription, &[Vec4])) -> Self {
-        Self::new(samples, (volume, planes), |[opacity, ..]| f32::from(opacity) / 65535.0)
+    pub fn of_stored(samples: &MacrocellSamples, drawn: Drawn<'_>) -> Self {
+        Self::new(samples, drawn, |[opacity, ..]| f32::from(opacity) / 65535.0)
     }
 
     /// `opacity` for a path of `L_min`.
-    fn new(
-        samples: &MacrocellSamples,
-        (volume, planes): (&VolumeDescription, &[Vec4]),
-        opacity: impl Fn(Sample) -> f32 + Sync,
-    ) -> Self {
+    fn new(samples: &MacrocellSamples, drawn: Drawn<'_>, opacity: impl Fn(Sample) -> f32 + Sync) -> Self {
+        let Drawn { volume, planes, occupancy } = drawn;
         let dims @ [nx, ny, _] = samples.dims;
         let sides = Vec3::from_array(volume.texel_spacing()) * MACROCELL as f32;
         let across = sides.element_product().cbrt();
@@ -128,13 +137,20 @@ impl Occlusion {
             let place = [index % nx, index / nx % ny, index / (nx * ny)].map(|place| place as f32 + 0.5);
             planes.iter().any(|plane| plane.truncate().dot(Vec3::from_array(place) * sides) > plane.w)
         };
+        let stopped_across: Vec<f32> =
+            (0..=OPACITIES).map(|place| 65535.0 * correct_opacity(place as f32 / OPACITIES as f32, across)).collect();
         let stopped = |(index, samples): (usize, &[Sample; 4])| {
-            let sum: f32 = samples.iter().map(|&sample| opacity(sample)).sum();
-            // Most macrocells are empty.
-            if sum == 0.0 || is_cut(index) {
+            // Most macrocells are.
+            if occupancy.is_some_and(|occupancy| occupancy.distances()[index] > 0) {
                 return 0;
             }
-            (correct_opacity(sum / 4.0, across) * 65535.0).round() as u16
+            let sum: f32 = samples.iter().map(|&sample| opacity(sample)).sum();
+            if sum == 0.0 || (!planes.is_empty() && is_cut(index)) {
+                return 0;
+            }
+            let place = sum * (OPACITIES as f32 / 4.0);
+            let low = (place as usize).min(OPACITIES - 1);
+            (mix(stopped_across[low], stopped_across[low + 1], place - low as f32) + 0.5) as u16
         };
         let shares = samples.samples.par_iter().enumerate().with_min_len(1024).map(stopped).collect();
         let in_macrocells = |length: f32| (Vec3::splat(length) / sides).to_array();
@@ -142,7 +158,7 @@ impl Occlusion {
         let wide = blur(dims, narrow.clone(), in_macrocells(WIDER));
         let shares = narrow.par_iter().zip(&wide).with_min_len(1024).map(|(&narrow, &wide)| {
             let sum = (f32::from(narrow) + f32::from(wide)) / 65535.0;
-            (((sum - FREE) / (DENSE - FREE)).clamp(0.0, 1.0) * 255.0).round() as u8
+            (((sum - FREE) / (DENSE - FREE)).clamp(0.0, 1.0) * 255.0 + 0.5) as u8
         });
         Self { dims, shares: shares.collect() }
     }
@@ -194,6 +210,9 @@ mod tests {
     use voxrole_pack::{GridGeometry, HitGradientQuantization, Precision};
 
     use super::*;
+    use crate::ViewState;
+    use crate::classify::MacrocellRanges;
+    use crate::frame::Frame;
     use crate::state::TransferFunction;
 
     /// Two spherical boundaries that touch, on a grid whose macrocells are not all whole.
@@ -224,8 +243,20 @@ mod tests {
     fn of_roles(volume: &VolumeTexels, transfer_function: &TransferFunction) -> Occlusion {
         let VolumeDescription { value_range, hit_gradient, .. } = volume.description;
         let table = OpacityTable::new(transfer_function, value_range, hit_gradient);
-        let samples = MacrocellSamples::new(volume);
-        Occlusion::of_roles(&samples, (&volume.description, &[]), &table, &EmphasisTable::new(transfer_function))
+        let (samples, emphases) = (MacrocellSamples::new(volume), EmphasisTable::new(transfer_function));
+        let drawn = Drawn { volume: &volume.description, planes: &[], occupancy: None };
+        let occlusion = Occlusion::of_roles(&samples, drawn, &table, &emphases);
+        // What is left out as empty changes nothing.
+        let state = ViewState { transfer_function: transfer_function.clone(), ..ViewState::default() };
+        let frame = Frame::new(&state, &volume.description, &emphases, [16, 16]);
+        let occupancy = Occupancy::new(&MacrocellRanges::new(volume), &table, &frame);
+        let empty = occupancy.distances().iter().filter(|distance| **distance > 0).count();
+        assert!(empty > occupancy.distances().len() / 10, "{empty}");
+        assert_eq!(
+            Occlusion::of_roles(&samples, Drawn { occupancy: Some(&occupancy), ..drawn }, &table, &emphases),
+            occlusion
+        );
+        occlusion
     }
 
     /// With all voxels of every macrocell.

@@ -97,6 +97,14 @@ impl OpacityTable {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + value_bin(value);
         (self.entries[bin].map(|share| f32::from(share) / 65535.0), usize::from(self.emphases[bin]))
     }
+
+    /// αu of a stored value, and the index of the αd that goes with it: that of [`Self::look_up`].
+    #[must_use]
+    #[inline]
+    pub fn opacity_of(&self, stored_value: u16, stored_gradient: u16) -> (f32, usize) {
+        let bin = gradient_bin(stored_gradient) * VALUE_BINS + usize::from(stored_value) * VALUE_BINS / 65536;
+        (f32::from(self.entries[bin][3]) / 65535.0, usize::from(self.emphases[bin]))
+    }
 }
 
 /// Whether any of a rectangle of bins has an opacity, at the cost of four numbers: a summed-area table.
@@ -450,6 +458,11 @@ mod tests {
 
     #[test]
     fn every_stored_number_has_a_bin() {
+        let table = table_of(&[region([0.0, 900.0], [20.0, 30.0], [1.0; 3], 0.6, 0.4)], VALUE_RANGE, HIT_GRADIENT);
+        for value in (0..=u16::MAX).step_by(7) {
+            let (entry, emphasis) = table.look_up(f32::from(value), 23_000);
+            assert_eq!(table.opacity_of(value, 23_000), (entry[3], emphasis));
+        }
         assert_eq!([value_bin(0.0), value_bin(63.99), value_bin(64.0), value_bin(65535.0)], [0, 0, 1, 1023]);
         assert_eq!([gradient_bin(1), gradient_bin(128), gradient_bin(129), gradient_bin(65535)], [0, 0, 1, 511]);
     }

@@ -102,7 +102,7 @@ impl<'a> RayMarcher<'a> {
             Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
         };
         let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
-        let occlusion = occlusion(volume, &table, roles.emphases(), by_value.as_ref(), &frame);
+        let occlusion = occlusion(volume, &table, roles.emphases(), by_value.as_ref(), occupancy.as_ref(), &frame);
         let surfaces = Surfaces::of(state, volume)?;
         Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, occlusion, surfaces })
     }

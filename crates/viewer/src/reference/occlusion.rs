@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::value::ByValue;
 use crate::classify::macrocells::MACROCELL;
 use crate::classify::occlusion::TOWARDS_VIEWER;
-use crate::classify::{EmphasisTable, MacrocellSamples, Occlusion, OpacityTable};
+use crate::classify::{Drawn, EmphasisTable, MacrocellSamples, Occlusion, Occupancy, OpacityTable};
 use crate::frame::{Frame, Ray};
 use crate::volume::VolumeTexels;
 
@@ -15,13 +15,14 @@ pub(super) fn occlusion(
     table: &OpacityTable,
     emphases: &EmphasisTable,
     by_value: Option<&ByValue>,
+    occupancy: Option<&Occupancy>,
     frame: &Frame,
 ) -> Option<Occlusion> {
     if frame.shading.occlusion == 0.0 {
         return None;
     }
     let samples = MacrocellSamples::new(volume);
-    let drawn = (&volume.description, frame.cutting_planes());
+    let drawn = Drawn { volume: &volume.description, planes: frame.cutting_planes(), occupancy };
     Some(match by_value {
         None => Occlusion::of_roles(&samples, drawn, table, emphases),
         Some(ByValue::Curve(values)) => Occlusion::of_values(&samples, drawn, values),

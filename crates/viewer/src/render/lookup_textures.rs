@@ -135,8 +135,8 @@ impl LookupTextures {
             }
             self.drawn = drawn;
         }
-        let transfer_function = (&state.transfer_function, volume);
-        let is_lit_otherwise = self.occlusion.update(gpu, transfer_function, (table, emphases), values, frame);
+        let (of, tables) = ((&state.transfer_function, volume), (&*table, emphases));
+        let is_lit_otherwise = self.occlusion.update(gpu, of, tables, values, self.leaping.as_ref(), frame);
         Changes { textures: is_other || is_lit_otherwise, occupancy: is_drawn_elsewhere }
     }
 

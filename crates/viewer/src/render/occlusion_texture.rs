@@ -5,7 +5,7 @@ use wgpu::{Extent3d, Texture, TextureDimension, TextureFormat, TextureView, Text
 
 use super::gpu::Gpu;
 use super::lookup_textures::{texture, write};
-use crate::classify::{EmphasisTable, MacrocellSamples, Occlusion, OpacityTable, ValueTable};
+use crate::classify::{Drawn, EmphasisTable, MacrocellSamples, Occlusion, Occupancy, OpacityTable, ValueTable};
 use crate::frame::Frame;
 use crate::state::{Classification, TransferFunction};
 use crate::volume::{VolumeDescription, VolumeTexels};
@@ -32,6 +32,7 @@ impl OcclusionTexture {
         (transfer_function, volume): (&TransferFunction, &VolumeDescription),
         (table, emphases): (&OpacityTable, &EmphasisTable),
         values: Option<&ValueTable>,
+        occupancy: Option<&Occupancy>,
         frame: &Frame,
     ) -> bool {
         let planes = frame.cutting_planes();
@@ -40,11 +41,11 @@ impl OcclusionTexture {
             return false;
         }
         self.of = wanted.map(|(of, planes)| (of.clone(), planes.to_vec()));
-        let volume = (volume, planes);
+        let drawn = Drawn { volume, planes, occupancy };
         let occlusion = wanted.map(|_| match (frame.classification, values) {
-            (Classification::Stored, _) => Occlusion::of_stored(&self.samples, volume),
-            (Classification::Value, Some(values)) => Occlusion::of_values(&self.samples, volume, values),
-            _ => Occlusion::of_roles(&self.samples, volume, table, emphases),
+            (Classification::Stored, _) => Occlusion::of_stored(&self.samples, drawn),
+            (Classification::Value, Some(values)) => Occlusion::of_values(&self.samples, drawn, values),
+            _ => Occlusion::of_roles(&self.samples, drawn, table, emphases),
         });
         let dims = occlusion.as_ref().map_or([1; 3], Occlusion::dims).map(|dim| dim as u32);
         let size = self.texture.size();
