@@ -79,9 +79,8 @@ pub fn run_and_tell(
         losses = if began.elapsed() > STEADY { 1 } else { losses + 1 };
         ensure!(
             losses <= MOST_LOSSES,
-            "{}: {losses} devices were lost in a row, the last one because of this: {reason}; {}",
-            path.display(),
-            without_window(path)
+            "the window's device was lost {losses} times in a row ({reason}); {}",
+            instead_of_window(path)
         );
         tell(format!("voxrole-view: the device is lost ({reason}); opening the window again"));
         thread::sleep(PAUSE);
@@ -153,8 +152,11 @@ impl Runner<'_> {
 }
 
 fn without_window(path: &Path) -> String {
-    let file = path.display();
-    format!("no window can be opened here; draw a picture instead with `voxrole-view render {file} -o OUT.png`")
+    format!("no window can be opened here; {}", instead_of_window(path))
+}
+
+fn instead_of_window(path: &Path) -> String {
+    format!("draw a picture instead with `voxrole-view render {} -o OUT.png`", path.display())
 }
 
 /// The device that [`Gpu`] would open, among the adapters that can show on the window.

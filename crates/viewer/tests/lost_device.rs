@@ -1,5 +1,5 @@
-//! A real window whose device is lost: it is opened again, and not for ever. Without a display this is skipped and says so;
-//! with `VOXROLE_REQUIRE_WINDOW=1` it fails. On the main thread, as windows have to be.
+//! A real window whose device is lost: it is opened again, and not for ever. With `VOXROLE_REQUIRE_WINDOW=1` alone, because
+//! it needs a display, on which windows flash up; `xvfb-run` gives one. On the main thread, as windows have to be.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -19,11 +19,8 @@ use voxrole_viewer::device_args::DeviceArgs;
 const OPEN: Duration = Duration::from_secs(2);
 
 fn main() {
-    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
-    if cfg!(target_os = "linux") && !has_display {
-        let is_required = std::env::var_os("VOXROLE_REQUIRE_WINDOW").is_some_and(|value| value == "1");
-        assert!(!is_required, "VOXROLE_REQUIRE_WINDOW=1, but there is no display");
-        println!("lost_device: SKIPPED, because there is no display");
+    if std::env::var_os("VOXROLE_REQUIRE_WINDOW").is_none_or(|value| value != "1") {
+        println!("lost_device: SKIPPED, because windows are opened with VOXROLE_REQUIRE_WINDOW=1 alone");
         return;
     }
     let settings = PhantomSettings { dims: [32; 3], blur: 1.0, ..PhantomSettings::default() };
@@ -40,7 +37,7 @@ fn main() {
     }
     let (openings, outcome) = run(&path, DeviceArgs::default(), u32::MAX);
     let message = outcome.expect_err("is given up").to_string();
-    assert!(message.contains("4 devices were lost in a row"), "{message}");
+    assert!(message.contains("was lost 4 times in a row (Destroyed)"), "{message}");
     assert_eq!(openings, 4);
     println!("lost_device: given up: {message}");
 }

@@ -523,6 +523,8 @@ fn a_region_and_a_side_can_have_an_emphasis_of_their_own() {
 #[test]
 fn techniques_are_chosen_by_a_click_and_refined_in_parts() {
     let Some(mut harness) = open_on(GPU) else { return };
+    harness.state_mut().view.render_settings.step = 2.0;
+    settle(&mut harness);
     for (name, technique) in [("slices", Technique::Slices), ("stacks", Technique::Stacks), ("rays", Technique::Rays)] {
         let pictures = harness.state().preview.pictures();
         harness.get_by_label(name).click();
@@ -555,7 +557,7 @@ fn a_window_goes_on_as_it_was_when_its_device_is_lost() {
 
         lost.destroy();
         let _ = lost.poll(wgpu::PollType::wait_indefinitely());
-        assert!(loss.reason().is_some_and(|reason| reason.contains("Destroyed")), "{loss:?}");
+        assert_eq!(loss.reason(), Some("Destroyed"));
         // Pictures fail, or come from the CPU; nothing panics.
         let _ = before.state_mut().preview.picture(&view);
 

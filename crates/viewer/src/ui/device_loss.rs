@@ -22,7 +22,9 @@ impl DeviceLoss {
             }
         };
         let (lost, failed) = (tell(loss.clone(), context.clone()), tell(loss.clone(), context.clone()));
-        device.set_device_lost_callback(move |reason, message| lost(format!("{reason:?}: {message}")));
+        device.set_device_lost_callback(move |reason, message| {
+            lost(if message.is_empty() { format!("{reason:?}") } else { message });
+        });
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.to_string())));
         loss
     }
