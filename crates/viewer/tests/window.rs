@@ -544,7 +544,7 @@ fn a_window_goes_on_as_it_was_when_its_device_is_lost() {
         let reader = Reader::open(shells()).expect("opens");
         let volume = OpenedVolume::read(shells(), &reader, &texels().description).expect("has histograms");
         let mut window = KeptWindow::new(volume);
-        window.view.render_settings.step = 1.0;
+        window.view.render_settings.step = 4.0;
         let window = window.open(&render_state, &Arc::new(texels()), device).expect("fits the device");
         let lost = render_state.device.clone();
         let mut before = harness(render_state, window);
