@@ -13,6 +13,10 @@ lint:
 test:
     cargo test --workspace
 
+# A window whose device is lost; opens windows, as under `xvfb-run`.
+test-window:
+    VOXROLE_REQUIRE_WINDOW=1 cargo test -p voxrole-viewer --test lost_device
+
 # Documentation without warnings.
 docs:
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items

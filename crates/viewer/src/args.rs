@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use voxrole_preprocess::byte_size::byte_size;
 use voxrole_preprocess::raw_args::RawArgs;
 
+use crate::device_args::DeviceArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
 use crate::region_args::parse_region;
@@ -26,10 +26,9 @@ pub struct Cli {
     /// Session to open the window with.
     #[arg(long, value_name = "FILE.toml")]
     pub session: Option<PathBuf>,
-    /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
-    /// [default: what the GPU has].
-    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
-    pub gpu_memory: Option<u64>,
+    /// What draws.
+    #[command(flatten)]
+    pub device: DeviceArgs,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -101,13 +100,9 @@ pub struct RenderArgs {
     /// How much darker places are that lie among much else that is drawn, as creases and insides do, 0 to 1 [default: 0].
     #[arg(long, value_name = "F", value_parser = parse_share)]
     pub occlusion: Option<f32>,
-    /// GPU memory that the volume takes at most, such as 512MiB; of a larger one those parts are uploaded that are seen
-    /// [default: what the GPU has].
-    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
-    pub gpu_memory: Option<u64>,
-    /// Draw on the CPU even where there is a GPU.
-    #[arg(long, conflicts_with = "gpu_memory")]
-    pub cpu: bool,
+    /// What draws.
+    #[command(flatten)]
+    pub device: DeviceArgs,
     /// Begin rays at places of their own within the first step: what long steps miss shows as grain, not as rings. Only
     /// with `--integration post` or `--classify value|stored`: rays that are integrated by role miss nothing, and slices
     /// lie as they do.
@@ -266,6 +261,18 @@ mod tests {
     }
 
     #[test]
+    fn what_draws_is_chosen_for_the_window_and_for_render() {
+        let cli =
+            Cli::try_parse_from(["voxrole-view", "a.vxr", "--gpu", "--gpu-memory", "1MiB"]).expect("is understood");
+        assert_eq!(cli.device, DeviceArgs { gpu_memory: Some(1 << 20), cpu: false, gpu: true });
+        let device = render(&["--cpu"]).expect("is understood").device;
+        assert_eq!([true, false].map(|gpu_is_cpu| device.wants_cpu(gpu_is_cpu)), [true; 2]);
+        assert_eq!([true, false].map(|gpu_is_cpu| DeviceArgs::default().wants_cpu(gpu_is_cpu)), [true, false]);
+        assert!(!cli.device.wants_cpu(true));
+        assert!(render(&["--cpu", "--gpu"]).is_err() && render(&["--cpu", "--gpu-memory", "1MiB"]).is_err());
+    }
+
+    #[test]
     fn all_of_render_s_options_are_understood() {
         let render = render(&[
             "--size",
@@ -285,7 +292,7 @@ mod tests {
             "--cpu",
         ])
         .expect("is understood");
-        assert_eq!((render.view.size, render.step, render.cpu), (Some([80, 60]), Some(0.5), true));
+        assert_eq!((render.view.size, render.step, render.device.cpu), (Some([80, 60]), Some(0.5), true));
         assert_eq!(render.view.background, Some([1.0; 3]));
         assert_eq!(render.view.camera.expect("a camera").azimuth, -30.0);
         assert_eq!(render.view.regions.len(), 2);

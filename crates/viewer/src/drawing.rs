@@ -8,6 +8,7 @@ use wgpu::PollType;
 
 use voxrole_preprocess::console::tell;
 
+use crate::device_args::DeviceArgs;
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::render::{Gpu, Renderer, Target};
 use crate::scene::scale_bar::{draw_over_light, draw_over_picture};
@@ -72,27 +73,27 @@ impl OnGpu {
 }
 
 impl<'a> Drawing<'a> {
-    /// On the GPU, of whose memory the volume takes `budget` bytes at most, or on the CPU where there is no adapter but
-    /// the CPU; says on standard error which it is.
+    /// On the GPU, or on the CPU where that is asked for or there is no adapter but the CPU and it is not asked for; says on
+    /// standard error which it is.
     ///
     /// # Errors
     /// When the volume or the picture does not fit the device; as [`Surfaces::new`].
-    pub fn new(volume: &'a Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+    pub fn new(volume: &'a Arc<VolumeTexels>, state: &ViewState, device: DeviceArgs) -> Result<Self> {
         let gpu = match Gpu::new() {
-            Ok(gpu) if gpu.is_cpu => {
-                // The same picture, in half the time.
+            Ok(gpu) if device.wants_cpu(gpu.is_cpu) => {
+                // The same picture, in a fraction of the time.
                 tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
                 return Self::on_cpu(volume, state);
             }
             Ok(gpu) => gpu,
-            Err(error @ Error::NoAdapter(_)) => {
+            Err(error @ Error::NoAdapter(_)) if !device.gpu => {
                 tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher"));
                 return Self::on_cpu(volume, state);
             }
             Err(error) => return Err(error),
         };
         tell(format!("voxrole-view: drawing on {}", gpu.name));
-        Self::on_gpu(gpu, volume, state, budget)
+        Self::on_gpu(gpu, volume, state, device.gpu_memory)
     }
 
     /// On a device, of whose memory the volume takes `budget` bytes at most.

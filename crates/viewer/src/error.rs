@@ -10,7 +10,7 @@ pub enum Error {
     #[error("no usable GPU adapter: {0}")]
     NoAdapter(String),
     /// The volume does not fit the device.
-    #[error("the volume is too large for {device}: {reason}; draw on the CPU (`render --cpu`), or resample the volume")]
+    #[error("the volume is too large for {device}: {reason}; draw on the CPU (`--cpu`), or resample the volume")]
     VolumeTooLarge {
         /// The device's name.
         device: String,

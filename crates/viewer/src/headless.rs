@@ -13,6 +13,7 @@ use voxrole_preprocess::usage::{UsageError, check_extension, refuse_if};
 
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
+use crate::device_args::DeviceArgs;
 use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
@@ -49,9 +50,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), arguments.view.level, &mut state)?;
     let volume = Arc::new(volume);
     let reading = start.elapsed().as_secs_f64();
-    let on_cpu = arguments.cpu || outputs.need_light;
+    let on_cpu = arguments.device.cpu || outputs.need_light;
     let drawing =
-        if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state, arguments.gpu_memory) };
+        if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state, arguments.device) };
     let mut drawing = drawing.with_context(named)?;
     let ready = start.elapsed().as_secs_f64() - reading;
     if let Some(path) = &arguments.save_session {
@@ -111,7 +112,12 @@ impl<'a> Outputs<'a> {
             check_extension(path, "toml")?;
         }
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
-        let outputs = Self { arguments, is_animation, need_light: is_deep || *transparent || depth.is_some(), frames };
+        let need_light = is_deep || *transparent || depth.is_some();
+        refuse_if(
+            need_light && arguments.device.gpu,
+            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu out, or them",
+        )?;
+        let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();
         paths.extend(depth.iter().chain(save_session).cloned());
         let mut inputs = vec![arguments.file.as_path()];
@@ -194,7 +200,7 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     let mut state = ViewState::default();
     state.transfer_function.regions = proposed_regions(reader)?;
     let volume = Arc::new(VolumeTexels::read(reader)?);
-    let picture = Drawing::new(&volume, &state, None)?.draw(&state.camera)?.picture;
+    let picture = Drawing::new(&volume, &state, DeviceArgs::default())?.draw(&state.camera)?.picture;
     write(output, &picture.to_png()?)
 }
 

@@ -11,6 +11,7 @@ pub mod bench;
 pub mod cells;
 pub mod classify;
 pub mod demo;
+pub mod device_args;
 pub mod drawing;
 pub mod error;
 pub mod frame;

@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupCreateNew};
 use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2, pos2, vec2};
@@ -14,17 +15,24 @@ use voxrole_pack::Reader;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
-use voxrole_tests::comparison::gpu_or_skip;
+use voxrole_tests::comparison::{draw_on_cpu, draw_on_gpu, gpu_or_skip};
+use voxrole_viewer::device_args::DeviceArgs;
+use voxrole_viewer::frame::Frame;
 use voxrole_viewer::state::{Camera, Classification, EmphasisKind, Integration, Region, Shape, Technique};
 use voxrole_viewer::ui::axis::PlotArea;
+use voxrole_viewer::ui::device_loss::DeviceLoss;
+use voxrole_viewer::ui::kept_window::KeptWindow;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::ui::refinement::Detail;
 use voxrole_viewer::ui::{ViewerWindow, theme, window_ui};
-use voxrole_viewer::{Gpu, Renderer, Target, ViewState, VolumeTexels};
+use voxrole_viewer::{Gpu, ViewState, VolumeTexels};
 
 const HISTOGRAM: &str = "Histogram of value and gradient magnitude at the hit";
 /// Seconds between two passes of the window.
 const STEP_SECONDS: f32 = 0.05;
+/// What draws: the two that there are.
+const CPU: DeviceArgs = DeviceArgs { cpu: true, gpu: false, gpu_memory: None };
+const GPU: DeviceArgs = DeviceArgs { cpu: false, gpu: true, gpu_memory: None };
 const PICTURE: &str = "Picture of the volume";
 
 /// Two concentric shells of 32 voxels a side, prepared once.
@@ -52,15 +60,26 @@ fn texels() -> VolumeTexels {
     VolumeTexels::read(&Reader::open(shells()).expect("opens")).expect("reads")
 }
 
-/// A window that has drawn its first picture in full.
+/// A window that the CPU ray marcher draws, as it does where there is no GPU; its first picture is there in full.
 fn open() -> Option<Harness<'static, ViewerWindow>> {
+    open_on(CPU)
+}
+
+/// The same with what draws chosen.
+fn open_on(device: DeviceArgs) -> Option<Harness<'static, ViewerWindow>> {
     let render_state = render_state()?;
     let texels = texels();
     let reader = Reader::open(shells()).expect("opens");
     let volume = OpenedVolume::read(shells(), &reader, &texels.description).expect("has histograms");
-    let mut window = ViewerWindow::new(&render_state, volume, &Arc::new(texels), None).expect("fits the device");
+    let mut window = KeptWindow::new(volume);
     // A software adapter is four times faster at it.
     window.view.render_settings.step = 1.0;
+    let window = window.open(&render_state, &Arc::new(texels), device).expect("fits the device");
+    Some(harness(render_state, window))
+}
+
+/// Drives a window, whose first picture is drawn in full.
+fn harness(render_state: RenderState, window: ViewerWindow) -> Harness<'static, ViewerWindow> {
     let mut harness = Harness::builder()
         .with_size(vec2(900.0, 1400.0))
         .with_max_steps(200)
@@ -70,16 +89,17 @@ fn open() -> Option<Harness<'static, ViewerWindow>> {
         .renderer(WgpuTestRenderer::from_render_state(render_state))
         .build_ui_state(window_ui, window);
     settle(&mut harness);
-    Some(harness)
+    harness
 }
 
 /// Lets the hand rest until the picture is drawn in full, however slow the device is.
 fn settle(harness: &mut Harness<'_, ViewerWindow>) {
+    let start = Instant::now();
     harness.run();
-    for _ in 0..2000 {
-        if harness.state().preview.last().is_some_and(|drawn| drawn.detail == Detail::FULL) {
-            break;
-        }
+    while !harness.state().preview.is_finished() {
+        assert!(start.elapsed().as_secs() < 120, "the picture is not drawn in full");
+        // The CPU ray marcher draws beside the window.
+        std::thread::sleep(Duration::from_millis(2));
         harness.step();
     }
     harness.run();
@@ -116,67 +136,82 @@ fn is_close(found: f32, expected: f64, tolerance: f64) -> bool {
 
 #[test]
 fn the_first_picture_shows_the_proposed_regions_unchanged_by_egui() {
-    let Some(mut harness) = open() else { return };
-    let window = harness.state();
-    assert!(!window.volume.proposed_regions.is_empty());
-    assert_eq!(window.view.transfer_function.regions, window.volume.proposed_regions);
+    let mut all_shown = Vec::new();
+    for device in [CPU, GPU] {
+        let Some(mut harness) = open_on(device) else { return };
+        let window = harness.state();
+        assert!(!window.volume.proposed_regions.is_empty());
+        assert_eq!(window.view.transfer_function.regions, window.volume.proposed_regions);
+        assert_eq!(window.preview.drawn_by().starts_with("CPU, "), device.cpu, "{}", window.preview.drawn_by());
 
-    let rect = rect_of(&harness, PICTURE);
-    let shown = harness.render().expect("a picture of the window");
-    let mut view = harness.state().view.clone();
-    view.render_settings.image_size = [rect.width().round() as u32, rect.height().round() as u32];
-    let picture = harness.state_mut().preview.picture(&view).expect("a picture");
-    let (mut different, mut lit, mut count) = (0, 0, 0);
-    let middle = Rect::from_center_size(rect.center().round(), Vec2::splat(160.0));
-    for y in middle.top() as u32..middle.bottom() as u32 {
-        for x in middle.left() as u32..middle.right() as u32 {
-            let expected = picture.pixel(x - rect.left() as u32, y - rect.top() as u32);
-            let found = shown.get_pixel(x, y).0;
-            count += 1;
-            lit += u32::from(expected[..3] != [0; 3]);
-            different += u32::from(found.iter().zip(expected).any(|(found, expected)| found.abs_diff(expected) > 1));
+        let rect = rect_of(&harness, PICTURE);
+        let shown = harness.render().expect("a picture of the window");
+        let mut view = harness.state().view.clone();
+        view.render_settings.image_size = [rect.width().round() as u32, rect.height().round() as u32];
+        let picture = harness.state_mut().preview.picture(&view).expect("a picture");
+        let middle = Rect::from_center_size(rect.center().round(), Vec2::splat(160.0));
+        let (mut different, mut lit, mut count) = (0, 0, 0);
+        for y in middle.top() as u32..middle.bottom() as u32 {
+            for x in middle.left() as u32..middle.right() as u32 {
+                let expected = picture.pixel(x - rect.left() as u32, y - rect.top() as u32);
+                let found = shown.get_pixel(x, y).0;
+                count += 1;
+                lit += u32::from(expected[..3] != [0; 3]);
+                different +=
+                    u32::from(found.iter().zip(expected).any(|(found, expected)| found.abs_diff(expected) > 1));
+            }
         }
+        assert!(lit > count / 10, "{lit} of {count} pixels are lit");
+        assert!(different < count / 1000, "{different} of {count} pixels differ from the picture that was drawn");
+        all_shown
+            .push(image::imageops::crop_imm(&shown, middle.left() as u32, middle.top() as u32, 160, 160).to_image());
     }
-    assert!(lit > count / 10, "{lit} of {count} pixels are lit");
-    assert!(different < count / 1000, "{different} of {count} pixels differ from the renderer's picture");
+    let [on_cpu, on_gpu] = [0, 1].map(|index| all_shown[index].as_raw());
+    let off = on_cpu.iter().zip(on_gpu).filter(|(cpu, gpu)| cpu.abs_diff(**gpu) > 2).count();
+    assert!(off < on_cpu.len() / 1000, "{off} of {} channels differ between the CPU and the GPU", on_cpu.len());
 }
 
 #[test]
 fn a_window_at_rest_draws_nothing() {
-    let Some(mut harness) = open() else { return };
-    let pictures = harness.state().preview.pictures();
-    assert!((1..=5).contains(&pictures), "{pictures} pictures for the first one");
-    harness.run_steps(5);
-    assert_eq!(harness.state().preview.pictures(), pictures);
-    let delay = harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
-    assert_eq!(delay, std::time::Duration::MAX, "no further pass is asked for");
+    for device in [CPU, GPU] {
+        let Some(mut harness) = open_on(device) else { return };
+        let pictures = harness.state().preview.pictures();
+        assert!((1..=5).contains(&pictures), "{pictures} pictures for the first one");
+        harness.run_steps(5);
+        assert_eq!(harness.state().preview.pictures(), pictures);
+        let delay = harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
+        assert_eq!(delay, Duration::MAX, "no further pass is asked for");
+    }
 }
 
 /// A setting that is changed, and how.
 type Knob = (&'static str, fn(&mut ViewState));
 
+const KNOBS: [Knob; 12] = [
+    ("color", |view| view.transfer_function.regions[0].color = [0.1, 0.9, 0.4]),
+    ("value", |view| view.transfer_function.regions[0].value[1] *= 0.9),
+    ("shape", |view| view.transfer_function.regions[0].shape = Shape::Ellipse),
+    ("opacity by distance", |view| view.transfer_function.emphasis.high.d_c *= 0.7),
+    ("curve", |view| view.transfer_function.curve = "0,ff0000,0.1;1,00ff00,0.2".parse().expect("a curve")),
+    ("camera", |view| view.camera.orbit(5.0, 3.0)),
+    ("crop", |view| view.clipping.crop = "4:,:,:20".parse().expect("a crop")),
+    ("plane", |view| view.clipping.planes.push("20,10,0.2".parse().expect("a plane"))),
+    ("light", |view| view.render_settings.light.azimuth += 20.0),
+    ("shading", |view| view.render_settings.shading.specular = 0.5),
+    ("integration", |view| view.render_settings.integration = Integration::PostClassified),
+    ("background", |view| view.render_settings.background = [0.5; 3]),
+];
+
 #[test]
 fn every_knob_redraws_within_two_frames() {
-    let Some(mut harness) = open() else { return };
-    let knobs: [Knob; 12] = [
-        ("color", |view| view.transfer_function.regions[0].color = [0.1, 0.9, 0.4]),
-        ("value", |view| view.transfer_function.regions[0].value[1] *= 0.9),
-        ("shape", |view| view.transfer_function.regions[0].shape = Shape::Ellipse),
-        ("opacity by distance", |view| view.transfer_function.emphasis.high.d_c *= 0.7),
-        ("curve", |view| view.transfer_function.curve = "0,ff0000,0.1;1,00ff00,0.2".parse().expect("a curve")),
-        ("camera", |view| view.camera.orbit(5.0, 3.0)),
-        ("crop", |view| view.clipping.crop = "4:,:,:20".parse().expect("a crop")),
-        ("plane", |view| view.clipping.planes.push("20,10,0.2".parse().expect("a plane"))),
-        ("light", |view| view.render_settings.light.azimuth += 20.0),
-        ("shading", |view| view.render_settings.shading.specular = 0.5),
-        ("integration", |view| view.render_settings.integration = Integration::PostClassified),
-        ("background", |view| view.render_settings.background = [0.5; 3]),
-    ];
-    for (name, turn) in knobs {
-        let pictures = harness.state().preview.pictures();
-        turn(&mut harness.state_mut().view);
-        (0..2).for_each(|_| harness.step());
-        assert!(harness.state().preview.pictures() > pictures, "{name}");
+    for device in [CPU, GPU] {
+        let Some(mut harness) = open_on(device) else { return };
+        for (name, turn) in KNOBS {
+            let pictures = harness.state().preview.pictures();
+            turn(&mut harness.state_mut().view);
+            (0..2).for_each(|_| harness.step());
+            assert!(harness.state().preview.pictures() > pictures, "{name}, {}", harness.state().preview.drawn_by());
+        }
     }
 }
 
@@ -414,29 +449,48 @@ fn the_hand_orbits_pans_zooms_and_resets() {
 
 #[test]
 fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_unasked() {
-    let Some(mut harness) = open() else { return };
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-saved.png");
-    std::fs::write(&path, b"something else").expect("writes");
-    assert_eq!(harness.state().save.path, shells().with_extension("png").display().to_string());
-    let window = harness.state_mut();
-    window.save.path = path.display().to_string();
-    window.view.render_settings.image_size = [120, 90];
-    let view = window.view.clone();
-    settle(&mut harness);
-    harness.get_by_label("Save PNG").click();
-    settle(&mut harness);
-    assert_eq!(std::fs::read(&path).expect("reads"), b"something else");
-    harness.get_by_label("Replace PNG").click();
-    settle(&mut harness);
+    for device in [CPU, GPU] {
+        let Some(mut harness) = open_on(device) else { return };
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-saved.png");
+        std::fs::write(&path, b"something else").expect("writes");
+        assert_eq!(harness.state().save.path, shells().with_extension("png").display().to_string());
+        let window = harness.state_mut();
+        window.save.path = path.display().to_string();
+        window.view.render_settings.image_size = [120, 90];
+        let view = window.view.clone();
+        settle(&mut harness);
+        harness.get_by_label("Save PNG").click();
+        settle(&mut harness);
+        assert_eq!(std::fs::read(&path).expect("reads"), b"something else");
+        harness.get_by_label("Replace PNG").click();
+        settle(&mut harness);
 
-    let saved = image::open(&path).expect("a picture").into_rgba8();
-    assert_eq!(saved.dimensions(), (120, 90));
-    assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
-    let gpu = Gpu::new().expect("opened before");
-    let target = Target::new(&gpu, [120, 90]).expect("fits");
-    Renderer::new(&gpu, &Arc::new(texels()), None).expect("fits").draw(&view, &target).expect("draws");
-    let expected = target.read_back(&gpu).expect("a picture");
-    assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
+        let saved = image::open(&path).expect("a picture").into_rgba8();
+        assert_eq!(saved.dimensions(), (120, 90));
+        assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
+        let gpu = Gpu::new().expect("opened before");
+        let expected = if device.cpu { draw_on_cpu(&texels(), &view) } else { draw_on_gpu(&gpu, &texels(), &view) };
+        assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
+    }
+}
+
+#[test]
+fn a_slow_picture_is_given_up_for_what_is_wanted_now() {
+    let Some(mut harness) = open() else { return };
+    // Far more than can be drawn while the hand rests.
+    harness.state_mut().view.render_settings.step = Frame::STEP_RANGE[0];
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while harness.state().preview.refining().is_none() {
+        assert!(Instant::now() < deadline, "no finer picture is begun");
+        harness.step();
+    }
+    let pictures = harness.state().preview.pictures();
+    harness.state_mut().view.camera.orbit(10.0, 0.0);
+    (0..2).for_each(|_| harness.step());
+    assert!(harness.state().preview.pictures() > pictures, "a draft of the new state is there");
+    assert_ne!(harness.state().preview.last().expect("is drawn").detail, Detail::FULL);
+    harness.state_mut().view.render_settings.step = 1.0;
+    settle(&mut harness);
 }
 
 #[test]
@@ -468,7 +522,9 @@ fn a_region_and_a_side_can_have_an_emphasis_of_their_own() {
 
 #[test]
 fn techniques_are_chosen_by_a_click_and_refined_in_parts() {
-    let Some(mut harness) = open() else { return };
+    let Some(mut harness) = open_on(GPU) else { return };
+    harness.state_mut().view.render_settings.step = 2.0;
+    settle(&mut harness);
     for (name, technique) in [("slices", Technique::Slices), ("stacks", Technique::Stacks), ("rays", Technique::Rays)] {
         let pictures = harness.state().preview.pictures();
         harness.get_by_label(name).click();
@@ -478,5 +534,46 @@ fn techniques_are_chosen_by_a_click_and_refined_in_parts() {
         // A draft, and one finer picture at least.
         assert!(preview.pictures() > pictures + 1, "{name}: {} pictures", preview.pictures() - pictures);
         assert_eq!(preview.last().expect("is drawn").detail, Detail::FULL);
+    }
+}
+
+#[test]
+fn a_window_goes_on_as_it_was_when_its_device_is_lost() {
+    for device in [CPU, GPU] {
+        let Some(render_state) = render_state() else { return };
+        let reader = Reader::open(shells()).expect("opens");
+        let volume = OpenedVolume::read(shells(), &reader, &texels().description).expect("has histograms");
+        let mut window = KeptWindow::new(volume);
+        window.view.render_settings.step = 4.0;
+        let window = window.open(&render_state, &Arc::new(texels()), device).expect("fits the device");
+        let lost = render_state.device.clone();
+        let mut before = harness(render_state, window);
+        let loss = DeviceLoss::watch(&lost, &before.ctx);
+        before.state_mut().view.camera.orbit(40.0, 10.0);
+        before.get_by_label("Region 1").click();
+        settle(&mut before);
+        let (view, shown) = (before.state().view.clone(), before.render().expect("a picture of the window"));
+        assert_eq!(loss.reason(), None);
+
+        lost.destroy();
+        let _ = lost.poll(wgpu::PollType::wait_indefinitely());
+        assert_eq!(loss.reason(), Some("Destroyed"));
+        // Pictures fail, or come from the CPU; nothing panics.
+        let _ = before.state_mut().preview.picture(&view);
+
+        let mut kept = KeptWindow::of(before.into_state());
+        let kept_texels = kept.texels.take();
+        assert_eq!(kept_texels.is_some(), device.cpu, "what a device has all of is not kept beside it");
+        let again = self::render_state().expect("was there before");
+        let texels = kept_texels.unwrap_or_else(|| Arc::new(texels()));
+        let window = kept.open(&again, &texels, device).expect("fits the device");
+        let mut after = harness(again, window);
+        assert_eq!((&after.state().view, after.state().histogram.selected), (&view, Some(0)));
+        let picture = rect_of(&after, PICTURE);
+        let middle = Rect::from_center_size(picture.center().round(), Vec2::splat(160.0));
+        let shown_again = after.render().expect("a picture of the window");
+        let crop =
+            |shown| image::imageops::crop_imm(shown, middle.left() as u32, middle.top() as u32, 160, 160).to_image();
+        assert!(crop(&shown) == crop(&shown_again), "the same picture");
     }
 }

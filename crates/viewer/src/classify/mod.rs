@@ -4,6 +4,7 @@ pub mod blobs;
 pub mod boundary_emphasis;
 mod box_blur;
 pub mod emphasis_table;
+pub mod lookup_tables;
 pub mod macrocells;
 pub mod occlusion;
 pub mod opacity;
@@ -14,6 +15,7 @@ pub mod value_table;
 
 pub use boundary_emphasis::opacity_by_distance;
 pub use emphasis_table::EmphasisTable;
+pub use lookup_tables::LookupTables;
 pub use macrocells::{MacrocellRanges, Occupancy};
 pub use occlusion::{Drawn, MacrocellSamples, Occlusion};
 pub use opacity::OpacityTable;

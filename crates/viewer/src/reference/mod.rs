@@ -10,6 +10,9 @@ pub mod roles;
 pub mod sampling;
 pub mod shading;
 pub mod value;
+mod watch;
+
+use std::sync::Arc;
 
 use fearless_simd::{Simd, dispatch};
 use glam::{Vec3, Vec4};
@@ -18,7 +21,7 @@ use voxrole_preprocess::simd;
 
 use crate::cells::CellRay;
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{MacrocellRanges, Occlusion, Occupancy, OpacityTable, ValueTable, correct_opacity};
+use crate::classify::{LookupTables, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::scene::lines::lines;
 use crate::scene::rasterizer::rasterize;
@@ -29,11 +32,12 @@ use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result};
 
 use cell::Cell;
-use occlusion::{Darkening, occlusion};
+use occlusion::Darkening;
 use roles::Roles;
 use sampling::{RoleSample, Sampler};
 use shading::Lighting;
 use value::ByValue;
+pub use watch::Watch;
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
@@ -48,15 +52,10 @@ pub(crate) const FACE_DEPTH: f32 = 0.5;
 pub struct RayMarcher<'a> {
     volume: &'a VolumeTexels,
     state: ViewState,
+    tables: LookupTables,
     roles: Roles,
-    /// What decides where roles do not.
-    by_value: Option<ByValue>,
     frame: Frame,
-    /// Where something can be drawn; `None` where rays do not leap.
-    occupancy: Option<Occupancy>,
-    /// How little light comes where; `None` where it comes everywhere.
-    occlusion: Option<Occlusion>,
-    surfaces: Surfaces,
+    surfaces: Arc<Surfaces>,
 }
 
 /// How many samples a picture took.
@@ -88,36 +87,47 @@ impl<'a> RayMarcher<'a> {
     /// # Errors
     /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`]; as [`Surfaces::new`].
     pub fn new(volume: &'a VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Result<Self> {
-        let [width, height] = image_size;
-        if image_size.iter().any(|side| !(1..=MAX_IMAGE_SIDE).contains(side)) {
-            return Err(Error::PictureSize { width, height, limit: MAX_IMAGE_SIDE });
+        check_size(image_size)?;
+        Self::with_surfaces(volume, state, image_size, Arc::new(Surfaces::of(state, volume)?))
+    }
+
+    /// The same with the surfaces of the state's scene, where they are there already.
+    ///
+    /// # Errors
+    /// [`Error::PictureSize`] as [`Self::new`].
+    pub fn with_surfaces(
+        volume: &'a VolumeTexels,
+        state: &ViewState,
+        image_size: [u32; 2],
+        surfaces: Arc<Surfaces>,
+    ) -> Result<Self> {
+        check_size(image_size)?;
+        let mut tables = LookupTables::new(volume);
+        let frame = update(&mut tables, volume, state, image_size);
+        let roles = Roles::new(tables.opacity(), &state.transfer_function);
+        Ok(Self { volume, state: state.clone(), tables, roles, frame, surfaces })
+    }
+
+    /// Draws another state from now on, with the surfaces of its scene, in `image_size` pixels; what is the same is not made
+    /// anew.
+    ///
+    /// # Errors
+    /// [`Error::PictureSize`] as [`Self::new`].
+    pub fn look_at(&mut self, state: &ViewState, image_size: [u32; 2], surfaces: Arc<Surfaces>) -> Result<()> {
+        check_size(image_size)?;
+        self.frame = update(&mut self.tables, self.volume, state, image_size);
+        if self.state.transfer_function != state.transfer_function {
+            self.roles = Roles::new(self.tables.opacity(), &state.transfer_function);
         }
-        let description = &volume.description;
-        let table = OpacityTable::new(&state.transfer_function, description.value_range, description.hit_gradient);
-        let roles = Roles::new(&table, &state.transfer_function);
-        let frame = Frame::new(state, description, roles.emphases(), image_size);
-        let by_value = match frame.classification {
-            Classification::Roles => None,
-            Classification::Stored => Some(ByValue::Stored),
-            Classification::Value => Some(ByValue::Curve(ValueTable::of(state, description, &frame))),
-        };
-        let occupancy = occupancy(volume, state, &table, by_value.as_ref(), &frame);
-        let occlusion = occlusion(volume, &table, roles.emphases(), by_value.as_ref(), occupancy.as_ref(), &frame);
-        let surfaces = Surfaces::of(state, volume)?;
-        Ok(Self { volume, state: state.clone(), roles, by_value, frame, occupancy, occlusion, surfaces })
+        self.state = state.clone();
+        self.surfaces = surfaces;
+        Ok(())
     }
 
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        let (description, reach) = (&self.volume.description, self.frame.reach);
-        self.frame = Frame::new(&self.state, description, self.roles.emphases(), self.frame.image_size);
-        // Slices stand for longer ways where the angle of view is wider.
-        if self.frame.reach != reach {
-            let transfer_function = &self.state.transfer_function;
-            let table = OpacityTable::new(transfer_function, description.value_range, description.hit_gradient);
-            self.occupancy = occupancy(self.volume, &self.state, &table, self.by_value.as_ref(), &self.frame);
-        }
+        (self.frame, _) = self.tables.update(&self.state, self.frame.image_size);
     }
 
     /// What camera, settings and volume come to.
@@ -154,12 +164,18 @@ impl<'a> RayMarcher<'a> {
     /// The light of every pixel.
     #[must_use]
     pub fn light(&self) -> (LightPicture, SampleCounts) {
+        self.watched_light(&Watch::default())
+    }
+
+    /// The light of every pixel, or of some of them alone where the picture is given up meanwhile.
+    #[must_use]
+    pub fn watched_light(&self, watch: &Watch) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
         let opaque = self.opaque();
         let bands = pixels.par_chunks_mut(TILE * width as usize).enumerate().map(|(band, pixels)| {
             let opaque = opaque.get(band * TILE * width as usize..).unwrap_or_default();
-            dispatch!(simd::level(), simd => march_band(simd, self, (band * TILE) as u32, pixels, opaque))
+            dispatch!(simd::level(), simd => march_band(simd, self, (band * TILE) as u32, pixels, opaque, watch))
         });
         let counts = bands.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
@@ -193,6 +209,16 @@ impl<'a> RayMarcher<'a> {
         })
     }
 
+    /// What decides where roles do not.
+    #[inline(always)]
+    fn by_value(&self) -> Option<ByValue<'_>> {
+        match self.frame.classification {
+            Classification::Roles => None,
+            Classification::Stored => Some(ByValue::Stored),
+            Classification::Value => self.tables.values().map(ByValue::Curve),
+        }
+    }
+
     fn sampler(&self) -> Sampler<'_> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
@@ -210,6 +236,7 @@ impl<'a> RayMarcher<'a> {
     ) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
+        let (by_value, occupancy) = (self.by_value(), self.tables.occupancy());
         let mut cell = Cell::none(simd);
         let leaping = LeapingRay::new(frame, ray);
         let interval @ Interval { cut, .. } = frame.interval(ray);
@@ -223,14 +250,14 @@ impl<'a> RayMarcher<'a> {
             }
             let position = ray.origin + sample.along * ray.direction;
             let place = sampler.place(position);
-            let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(place.0));
+            let empty = occupancy.map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
                 // To the first sample beyond all that is known to be empty.
                 count = samples.beyond(leaping.leaves(place.0, empty), count);
                 continue;
             }
             counts.taken += 1;
-            let role = match &self.by_value {
+            let role = match &by_value {
                 Some(by_value) => sampler.sample_value(by_value, position, ray.direction, sample.half_step),
                 None if !cell.enter(simd, &sampler, place.0, ray.direction) => RoleSample::default(),
                 None => cell.sample(simd, &sampler, [place.1], sample.half_step)[0],
@@ -252,6 +279,7 @@ impl<'a> RayMarcher<'a> {
     fn march_cells<S: Simd>(&self, simd: S, ray: &Ray, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
+        let occupancy = self.tables.occupancy();
         let mut cell = Cell::none(simd);
         let interval @ Interval { entry, exit, cut } = frame.interval(ray);
         let mut exit = exit.min(opaque.along);
@@ -265,7 +293,7 @@ impl<'a> RayMarcher<'a> {
         let (mut along, mut place) = (entry, cells.cell(entry));
         while along < exit && !light.is_opaque() {
             let base = place.as_uvec3();
-            let empty = self.occupancy.as_ref().map_or(0, |occupancy| occupancy.distance(base));
+            let empty = occupancy.map_or(0, |occupancy| occupancy.distance(base));
             if empty > 0 {
                 along = cells.leaves(place, empty);
                 place = cells.cell(along);
@@ -318,7 +346,7 @@ impl<'a> RayLight<'a> {
     fn new(marcher: &'a RayMarcher<'_>, ray: &Ray, cut: Vec3) -> Self {
         let frame = &marcher.frame;
         let lighting = Lighting::new(-ray.direction, frame.light, &frame.shading);
-        let darkening = marcher.occlusion.as_ref().map(|occlusion| Darkening::new(occlusion, frame, ray));
+        let darkening = marcher.tables.occlusion().map(|occlusion| Darkening::new(occlusion, frame, ray));
         Self { frame, lighting, darkening, cut, sum: Vec4::ZERO, depth: f32::NAN }
     }
 
@@ -352,23 +380,17 @@ impl<'a> RayLight<'a> {
     }
 }
 
-/// Where something can be drawn; `None` where rays are not to leap.
-fn occupancy(
-    volume: &VolumeTexels,
-    state: &ViewState,
-    table: &OpacityTable,
-    by_value: Option<&ByValue>,
-    frame: &Frame,
-) -> Option<Occupancy> {
-    if !state.render_settings.leaps {
-        return None;
+fn check_size([width, height]: [u32; 2]) -> Result<()> {
+    let is_drawn = [width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side));
+    if is_drawn { Ok(()) } else { Err(Error::PictureSize { width, height, limit: MAX_IMAGE_SIDE }) }
+}
+
+/// Brings the tables of a volume up to date with a state.
+fn update(tables: &mut LookupTables, volume: &VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Frame {
+    if state.render_settings.shading.occlusion > 0.0 {
+        tables.gather_samples(volume);
     }
-    let ranges = MacrocellRanges::new(volume);
-    Some(match by_value {
-        None => Occupancy::new(&ranges, table, frame),
-        Some(ByValue::Curve(values)) => Occupancy::of_values(&ranges, |range| values.any(range), frame),
-        Some(ByValue::Stored) => Occupancy::of_values(&ranges, |[_, high]| high > 0, frame),
-    })
+    tables.update(state, image_size).0
 }
 
 /// Rows of pixels, tile by tile: rays beside each other read the same voxels.
@@ -379,11 +401,15 @@ fn march_band<S: Simd>(
     first_row: u32,
     pixels: &mut [PixelLight],
     opaque: &[OpaquePixel],
+    watch: &Watch,
 ) -> SampleCounts {
     let frame = &marcher.frame;
     let width = frame.image_size[0] as usize;
     let mut counts = SampleCounts::default();
     for first in (0..width).step_by(TILE) {
+        if watch.is_given_up() {
+            return counts;
+        }
         for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
             let y = first_row + row as u32;
             for (x, pixel) in pixels.iter_mut().enumerate().skip(first).take(TILE) {
@@ -398,5 +424,6 @@ fn march_band<S: Simd>(
             }
         }
     }
+    watch.add_rows((pixels.len() / width) as u32);
     counts
 }

@@ -2,33 +2,10 @@
 
 use glam::Vec3;
 
-use super::value::ByValue;
+use crate::classify::Occlusion;
 use crate::classify::macrocells::MACROCELL;
 use crate::classify::occlusion::TOWARDS_VIEWER;
-use crate::classify::{Drawn, EmphasisTable, MacrocellSamples, Occlusion, Occupancy, OpacityTable};
 use crate::frame::{Frame, Ray};
-use crate::volume::VolumeTexels;
-
-/// Where light is kept from; `None` where it is from nowhere.
-pub(super) fn occlusion(
-    volume: &VolumeTexels,
-    table: &OpacityTable,
-    emphases: &EmphasisTable,
-    by_value: Option<&ByValue>,
-    occupancy: Option<&Occupancy>,
-    frame: &Frame,
-) -> Option<Occlusion> {
-    if frame.shading.occlusion == 0.0 {
-        return None;
-    }
-    let samples = MacrocellSamples::new(volume);
-    let drawn = Drawn { volume: &volume.description, planes: frame.cutting_planes(), occupancy };
-    Some(match by_value {
-        None => Occlusion::of_roles(&samples, drawn, table, emphases),
-        Some(ByValue::Curve(values)) => Occlusion::of_values(&samples, drawn, values),
-        Some(ByValue::Stored) => Occlusion::of_stored(&samples, drawn),
-    })
-}
 
 /// What a ray's samples lose of their light.
 pub(super) struct Darkening<'a> {

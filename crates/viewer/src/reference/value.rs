@@ -7,9 +7,10 @@ use crate::classify::ValueTable;
 use crate::volume::VolumeTexels;
 
 /// What decides on colour and opacity where roles do not.
-pub enum ByValue {
+#[derive(Clone, Copy)]
+pub enum ByValue<'a> {
     /// A curve.
-    Curve(ValueTable),
+    Curve(&'a ValueTable),
     /// The voxels' own intensity and opacity.
     Stored,
 }
@@ -28,7 +29,7 @@ impl Sampler<'_> {
     /// The sample at a place, for a step along a unit vector over `half_step` to either side.
     #[must_use]
     #[inline(always)]
-    pub fn sample_value(&self, by_value: &ByValue, position: Vec3, direction: Vec3, half_step: f32) -> RoleSample {
+    pub fn sample_value(&self, by_value: &ByValue<'_>, position: Vec3, direction: Vec3, half_step: f32) -> RoleSample {
         let Interpolated { value, third, normal } = self.interpolate(position);
         let table = match by_value {
             ByValue::Curve(table) => table,

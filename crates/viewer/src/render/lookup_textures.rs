@@ -11,10 +11,10 @@ use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
 use crate::classify::value_table::{PARTS, SIDE};
-use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, ValueTable};
+use crate::classify::{LookupTables, Occupancy, PreintegrationTable};
 use crate::frame::Frame;
-use crate::state::{Classification, Curve, TransferFunction, TwoSidedEmphasis, ViewState};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::state::ViewState;
+use crate::volume::VolumeTexels;
 
 const TABLE_SIZE: Extent3d =
     Extent3d { width: VALUE_BINS as u32, height: GRADIENT_BINS as u32, depth_or_array_layers: 1 };
@@ -29,17 +29,9 @@ pub struct LookupTextures {
     value_table: Texture,
     front_to_back: Texture,
     occlusion: OcclusionTexture,
-    /// What the two hold, and of what: the curve, and the step of the second where it is asked for.
-    values: Option<(Curve, Option<f32>, ValueTable)>,
-    ranges: MacrocellRanges,
-    table: Option<(TransferFunction, OpacityTable)>,
+    tables: LookupTables,
     /// What the emphasis table holds.
     numbers: Vec<f32>,
-    /// What the occupancy is that of, beside the table: how far boundaries and steps reach, whether rays leap at
-    /// all, and what decides.
-    drawn: Option<([f32; 2], bool, Classification)>,
-    /// Where something can be drawn; `None` where rays do not leap.
-    leaping: Option<Occupancy>,
 }
 
 /// What is another than before.
@@ -51,10 +43,11 @@ pub struct Changes {
 }
 
 impl LookupTextures {
-    /// Makes ready for a volume.
+    /// Makes ready for a volume, which need not be there any more afterwards.
     pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Self {
-        let ranges = MacrocellRanges::new(volume);
-        let [width, height, depth_or_array_layers] = ranges.dims().map(|dim| dim as u32);
+        let mut tables = LookupTables::new(volume);
+        tables.gather_samples(volume);
+        let [width, height, depth_or_array_layers] = tables.macrocells().map(|dim| dim as u32);
         let size = Extent3d { width, height, depth_or_array_layers };
         Self {
             // Integers, so that the CPU's table reads the same to the last bit.
@@ -65,25 +58,16 @@ impl LookupTextures {
             preintegration: preintegration_texture(gpu, 2),
             value_table: value_texture(gpu, "value table", [PARTS + 2, 2]),
             front_to_back: value_texture(gpu, "front to back", [SIDE; 2]),
-            occlusion: OcclusionTexture::new(gpu, volume),
-            values: None,
-            ranges,
-            table: None,
+            occlusion: OcclusionTexture::new(gpu),
+            tables,
             numbers: Vec::new(),
-            drawn: None,
-            leaping: None,
         }
     }
 
-    /// Brings the textures up to date.
-    pub fn update(
-        &mut self,
-        gpu: &Gpu,
-        state: &ViewState,
-        volume: &VolumeDescription,
-        emphases: &EmphasisTable,
-        frame: &Frame,
-    ) -> Changes {
+    /// Brings the textures up to date; returns the numbers of the state's picture of `image_size` pixels, too.
+    pub fn update(&mut self, gpu: &Gpu, state: &ViewState, image_size: [u32; 2]) -> (Frame, Changes) {
+        let (frame, changes) = self.tables.update(state, image_size);
+        let emphases = self.tables.emphases();
         let rows = emphases.rows() as u32;
         let is_other = self.emphasis_table.height() != rows;
         if is_other {
@@ -96,53 +80,30 @@ impl LookupTextures {
             write(gpu, &self.preintegration, bytemuck::cast_slice(integrals.numbers()));
             self.numbers = emphases.numbers().to_vec();
         }
-        // The αd that regions share is none of its business.
-        let wanted = TransferFunction { emphasis: TwoSidedEmphasis::default(), ..state.transfer_function.clone() };
-        let kept = self.table.take().filter(|(of, _)| *of == wanted);
-        let is_new = kept.is_none();
-        let (_, table) = self.table.insert(kept.unwrap_or_else(|| {
-            let table = OpacityTable::new(&wanted, volume.value_range, volume.hit_gradient);
-            (wanted, table)
-        }));
-        if is_new {
+        if changes.opacity {
+            let table = self.tables.opacity();
             write(gpu, &self.opacity_table, bytemuck::cast_slice(table.entries()));
             write(gpu, &self.emphases, bytemuck::cast_slice(table.emphases()));
         }
-        let values = match frame.classification {
-            Classification::Value => Some(update_values(
-                gpu,
-                &mut self.values,
-                state,
-                volume,
-                frame,
-                [&self.value_table, &self.front_to_back],
-            )),
-            Classification::Roles | Classification::Stored => None,
-        };
-        let drawn = Some(([frame.reach, frame.half_step], state.render_settings.leaps, frame.classification));
-        let is_drawn_elsewhere = is_new || self.drawn != drawn;
-        if is_drawn_elsewhere {
-            self.leaping = state.render_settings.leaps.then(|| match (frame.classification, values) {
-                (Classification::Stored, _) => Occupancy::of_values(&self.ranges, |[_, high]| high > 0, frame),
-                (Classification::Value, Some(values)) => {
-                    Occupancy::of_values(&self.ranges, |range| values.any(range), frame)
-                }
-                _ => Occupancy::new(&self.ranges, table, frame),
-            });
-            match &self.leaping {
-                Some(occupancy) => write(gpu, &self.occupancy, occupancy.distances()),
-                None => write(gpu, &self.occupancy, &vec![0; self.ranges.dims().iter().product()]),
+        if let (true, Some(values)) = (changes.values, self.tables.values()) {
+            write(gpu, &self.value_table, bytemuck::cast_slice(&values.rows()));
+            if !values.front_to_back().is_empty() {
+                write(gpu, &self.front_to_back, bytemuck::cast_slice(values.front_to_back()));
             }
-            self.drawn = drawn;
         }
-        let (of, tables) = ((&state.transfer_function, volume), (&*table, emphases));
-        let is_lit_otherwise = self.occlusion.update(gpu, of, tables, values, self.leaping.as_ref(), frame);
-        Changes { textures: is_other || is_lit_otherwise, occupancy: is_drawn_elsewhere }
+        if changes.occupancy {
+            match self.tables.occupancy() {
+                Some(occupancy) => write(gpu, &self.occupancy, occupancy.distances()),
+                None => write(gpu, &self.occupancy, &vec![0; self.tables.macrocells().iter().product()]),
+            }
+        }
+        let is_lit_otherwise = changes.occlusion && self.occlusion.update(gpu, self.tables.occlusion());
+        (frame, Changes { textures: is_other || is_lit_otherwise, occupancy: changes.occupancy })
     }
 
     /// Where something can be drawn; `None` where rays do not leap.
     pub fn occupancy(&self) -> Option<&Occupancy> {
-        self.leaping.as_ref()
+        self.tables.occupancy()
     }
 
     /// How little light comes where, as shaders read it.
@@ -177,28 +138,6 @@ pub(super) fn texture(
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
         view_formats: &[],
     })
-}
-
-/// Brings what value alone decides up to date.
-fn update_values<'a>(
-    gpu: &Gpu,
-    values: &'a mut Option<(Curve, Option<f32>, ValueTable)>,
-    state: &ViewState,
-    volume: &VolumeDescription,
-    frame: &Frame,
-    [value_table, front_to_back]: [&Texture; 2],
-) -> &'a ValueTable {
-    let wanted = (&state.transfer_function.curve, frame.is_ordered.then_some(frame.step));
-    let kept = values.take().filter(|(curve, step, _)| (curve, *step) == wanted);
-    let (_, _, table) = values.insert(kept.unwrap_or_else(|| {
-        let table = ValueTable::of(state, volume, frame);
-        write(gpu, value_table, bytemuck::cast_slice(&table.rows()));
-        if !table.front_to_back().is_empty() {
-            write(gpu, front_to_back, bytemuck::cast_slice(table.front_to_back()));
-        }
-        (wanted.0.clone(), wanted.1, table)
-    }));
-    table
 }
 
 fn value_texture(gpu: &Gpu, label: &str, [width, height]: [usize; 2]) -> Texture {

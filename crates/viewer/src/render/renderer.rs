@@ -17,18 +17,14 @@ use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
-use crate::classify::EmphasisTable;
-use crate::frame::Frame;
 use crate::scene::Surfaces;
-use crate::state::{Classification, Scene, TransferFunction, ViewState};
+use crate::state::{Classification, Scene, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
     gpu: Gpu,
     volume: VolumeDescription,
-    /// αd of the last picture, which may be drawn in many parts.
-    emphases: Option<(TransferFunction, EmphasisTable)>,
     lookup_textures: LookupTextures,
     bindings: Bindings,
     /// Once slices are asked for.
@@ -77,11 +73,10 @@ impl Renderer {
             let (opaque, bound_geometry) = geometry.views(&ViewState::default(), [1, 1]);
             let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures, opaque);
             let volume = volume.description.clone();
-            let (gpu, emphases, slice_blending) = (gpu.clone(), None, None);
+            let (gpu, slice_blending) = (gpu.clone(), None);
             Self {
                 gpu,
                 volume,
-                emphases,
                 lookup_textures,
                 bindings,
                 slice_blending,
@@ -151,12 +146,7 @@ impl Renderer {
         let [_, height] = target.size();
         assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let gpu = &self.gpu;
-        let kept = self.emphases.take().filter(|(of, _)| *of == state.transfer_function);
-        let (_, emphases) = self.emphases.insert(
-            kept.unwrap_or_else(|| (state.transfer_function.clone(), EmphasisTable::new(&state.transfer_function))),
-        );
-        let frame = Frame::new(state, &self.volume, emphases, target.size());
-        let changes = self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame);
+        let (frame, changes) = self.lookup_textures.update(gpu, state, target.size());
         let (opaque, geometry) = self.geometry.views(state, target.size());
         if changes.textures || geometry != self.bound_geometry {
             self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures, opaque);

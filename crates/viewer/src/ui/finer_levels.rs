@@ -1,5 +1,6 @@
 //! Finer levels of detail, read beside the window while it shows a coarser one.
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::thread;
 
@@ -15,7 +16,7 @@ pub struct FinerLevels(Option<Receiver<Result<VolumeTexels>>>);
 impl FinerLevels {
     /// Reads every level that is finer than `shown`, the coarsest first, on a thread of its own; `context` is woken for each.
     #[must_use]
-    pub fn read(reader: Reader, shown: usize, context: egui::Context) -> Self {
+    pub fn read(reader: Arc<Reader>, shown: usize, context: egui::Context) -> Self {
         // One level waits while the next is read: no more of them are in memory.
         let (sender, receiver) = sync_channel(0);
         thread::spawn(move || {

@@ -5,11 +5,16 @@ pub mod boundary;
 pub mod brush;
 pub mod camera;
 pub mod clipping;
+pub mod cpu_drawer;
 pub mod curve;
+pub mod device_loss;
 pub mod distance_histogram;
+pub mod drawer;
 pub mod finer_levels;
 mod form;
+pub mod gpu_drawer;
 pub mod histogram;
+pub mod kept_window;
 pub mod opened_volume;
 pub mod painted_maps;
 pub mod preview;
@@ -26,11 +31,9 @@ pub mod viewport;
 
 use std::sync::Arc;
 
-use eframe::egui_wgpu::RenderState;
 use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
 
 use crate::state::{Region, TransferFunction, TwoSidedEmphasis, ViewState};
-use crate::volume::VolumeTexels;
 use finer_levels::FinerLevels;
 use form::section;
 use histogram::HistogramPanel;
@@ -57,42 +60,6 @@ pub struct ViewerWindow {
 }
 
 impl ViewerWindow {
-    /// The first picture: the proposed regions, everything else as it is by default.
-    ///
-    /// # Errors
-    /// As [`Preview::new`].
-    pub fn new(
-        render_state: &RenderState,
-        volume: OpenedVolume,
-        texels: &Arc<VolumeTexels>,
-        budget: Option<u64>,
-    ) -> crate::Result<Self> {
-        let regions = volume.proposed_regions.clone();
-        Ok(Self {
-            view: ViewState {
-                transfer_function: TransferFunction { regions, ..TransferFunction::default() },
-                ..ViewState::default()
-            },
-            preview: Preview::new(render_state, texels, budget)?,
-            histogram: HistogramPanel::new(&volume),
-            save: SavePicture::new(&volume.path),
-            finer: FinerLevels::default(),
-            volume,
-            viewport: [1, 1],
-        })
-    }
-}
-
-impl ViewerWindow {
-    /// Shows what a session says; the proposed regions stay where it has none.
-    pub fn open_session(&mut self, session: ViewState) {
-        let proposed = std::mem::replace(&mut self.view, session).transfer_function.regions;
-        let regions = &mut self.view.transfer_function.regions;
-        if regions.is_empty() {
-            *regions = proposed;
-        }
-    }
-
     /// Shows the next finer level once it is read. One that the device has no room for leaves the coarser one where it is.
     fn show_finer_level(&mut self, context: &egui::Context) {
         match self.finer.take() {
@@ -138,7 +105,7 @@ pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
 
 fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     let ViewerWindow { view, volume, preview, .. } = window;
-    section(ui, "Volume", |ui| readout::readout_ui(ui, volume, preview.device_name()));
+    section(ui, "Volume", |ui| readout::readout_ui(ui, volume, &preview.drawn_by()));
     section(ui, "Camera", |ui| camera::camera_ui(ui, &mut view.camera));
     let dims = volume.description.dims;
     section(ui, "Clipping", |ui| clipping::clipping_ui(ui, &mut view.clipping, &view.camera, dims));
@@ -200,6 +167,7 @@ fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
         if let Some(share) = window.preview.refining() {
             text += &format!(", refining {:.0} %", share * 100.0);
         }
+        text += &format!("; {}", window.preview.drawn_by());
         ui.small(text);
     });
 }

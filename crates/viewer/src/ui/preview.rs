@@ -1,37 +1,28 @@
-//! The picture in the window: drawn by the renderer into a texture that egui shows.
+//! The picture in the window: what is drawn when, and how finely.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use eframe::egui_wgpu::RenderState;
 use egui::TextureId;
-use glam::Vec3;
-use wgpu::{FilterMode, PollType};
 
-use super::preview_scene::PreviewScene;
-use super::refinement::{Action, Detail, PASS_BUDGET, Refinement};
-use crate::drawing::scale_bar;
-use crate::render::{Gpu, Renderer, Target};
-use crate::scene::scale_bar::draw_over_picture;
+use super::cpu_drawer::CpuDrawer;
+use super::drawer::{Drawer, Pace, picture_size};
+use super::gpu_drawer::GpuDrawer;
+use super::refinement::{Action, Detail, Refinement, work};
+use crate::device_args::DeviceArgs;
+use crate::render::Gpu;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture, Result};
 
-/// Renderer, texture, and what it shows.
+/// What draws, and what it shows.
 pub struct Preview {
-    render_state: RenderState,
-    renderer: Renderer,
-    /// Most bytes of the device that a volume takes.
-    budget: Option<u64>,
-    scene: PreviewScene,
-    /// Kept for as long as egui shows it.
-    target: Option<Target>,
-    texture: Option<TextureId>,
-    /// What the texture shows: the state, its picture size being the window's.
-    shown: Option<ViewState>,
+    drawer: Box<dyn Drawer>,
+    /// What was begun last: the state, its picture size being the window's.
+    begun: Option<ViewState>,
+    /// How fine the picture is that is being drawn, and at which pace.
+    running: Option<(Detail, Pace)>,
     refinement: Refinement,
-    /// The finer picture of the same state that is being drawn.
-    refining: Option<PartialPicture>,
     last: Option<Drawn>,
     error: Option<String>,
     pictures: u64,
@@ -42,47 +33,29 @@ pub struct Preview {
 pub struct Drawn {
     /// How fine it was.
     pub detail: Detail,
-    /// Seconds of the device.
+    /// Seconds of what drew it.
     pub seconds: f64,
 }
 
-/// A picture whose upper rows are drawn.
-struct PartialPicture {
-    detail: Detail,
-    target: Target,
-    rows: u32,
-    seconds: f64,
-}
-
-impl PartialPicture {
-    fn new(gpu: &Gpu, wanted: &ViewState, detail: Detail) -> Result<Self> {
-        let size = wanted.render_settings.image_size.map(|side| side.div_ceil(detail.divisor).max(1));
-        Ok(Self { detail, target: Target::new(gpu, size)?, rows: 0, seconds: 0.0 })
-    }
-
-    fn height(&self) -> u32 {
-        self.target.size()[1]
-    }
-}
-
 impl Preview {
-    /// Uploads a volume to the device that the window itself is drawn with, where it takes `budget` bytes at most.
+    /// Draws a volume on the device that the window itself is drawn with, or on the CPU where that is asked for or all
+    /// there is.
     ///
     /// # Errors
     /// [`Error::VolumeTooLarge`] when the volume does not fit, [`Error::Device`] when the device refuses.
-    pub fn new(render_state: &RenderState, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
+    pub fn new(render_state: &RenderState, volume: &Arc<VolumeTexels>, device: DeviceArgs) -> Result<Self> {
         let gpu = Gpu::from_parts(&render_state.adapter, render_state.device.clone(), render_state.queue.clone());
-        let refinement = Refinement::new(gpu.is_cpu);
+        let on_cpu = device.wants_cpu(gpu.is_cpu);
+        let drawer: Box<dyn Drawer> = if on_cpu {
+            Box::new(CpuDrawer::new(volume)?)
+        } else {
+            Box::new(GpuDrawer::new(render_state, &gpu, volume, device.gpu_memory)?)
+        };
         Ok(Self {
-            render_state: render_state.clone(),
-            renderer: Renderer::new(&gpu, volume, budget)?,
-            budget,
-            scene: PreviewScene::new(volume),
-            target: None,
-            texture: None,
-            shown: None,
-            refinement,
-            refining: None,
+            drawer,
+            begun: None,
+            running: None,
+            refinement: Refinement::new(on_cpu || gpu.is_cpu),
             last: None,
             error: None,
             pictures: 0,
@@ -94,10 +67,10 @@ impl Preview {
     /// # Errors
     /// As [`Self::new`]; the volume shown before is then still shown.
     pub fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
-        self.renderer = Renderer::new(self.renderer.gpu(), volume, self.budget)?;
-        self.scene.replace_volume(volume);
-        self.shown = None;
-        self.refining = None;
+        self.drawer.replace_volume(volume)?;
+        self.drawer.give_up();
+        self.begun = None;
+        self.running = None;
         Ok(())
     }
 
@@ -106,43 +79,43 @@ impl Preview {
         self.error = Some(error.to_string());
     }
 
-    /// The level of detail that is shown.
-    #[must_use]
-    pub fn level(&self) -> usize {
-        self.renderer.level()
-    }
-
     /// Draws where that is due. `size` in pixels; asks for another pass where one is needed.
     pub fn update(&mut self, context: &egui::Context, view: &ViewState, size: [u32; 2]) {
+        if matches!(self.running, Some((_, Pace::AtOnce))) {
+            self.go_on(context);
+            // A draft is never given up: while a hand moves there would be none at all.
+            if self.running.is_some() {
+                return;
+            }
+        }
         let mut wanted = view.clone();
         wanted.render_settings.image_size = size;
-        let changed = self.shown.as_ref() != Some(&wanted);
+        let changed = self.begun.as_ref() != Some(&wanted);
         let (now, hand_down) = context.input(|input| (input.time, input.pointer.any_down()));
-        let action = self.refinement.next(changed, hand_down, now, work(size, view.render_settings.step));
-        let outcome = match action {
-            Action::Draft(detail) => {
-                self.refining = None;
-                self.draft(&wanted, detail)
-            }
-            Action::Refine(detail) => self.refine(&wanted, detail),
+        let (detail, pace) = match self.refinement.next(changed, hand_down, now, full_work(&wanted)) {
+            Action::Draft(detail) => (detail, Pace::AtOnce),
+            Action::Refine(detail) => (detail, Pace::InParts),
             Action::Wait(seconds) => {
                 context.request_repaint_after_secs(seconds as f32);
                 return;
             }
             Action::Rest => return,
         };
-        self.shown = Some(wanted);
-        self.error = outcome.err().map(|error| error.to_string());
-        if self.error.is_none() {
-            // Comes back to refine further, or to find that there is nothing left to do.
-            context.request_repaint();
+        if changed || self.running != Some((detail, pace)) {
+            let begun = self.drawer.begin(context, &wanted, detail);
+            self.running = Some((detail, pace));
+            self.begun = Some(wanted);
+            if let Err(error) = begun {
+                self.fail(&error);
+            }
         }
+        self.go_on(context);
     }
 
     /// The texture that shows the picture, once there is one.
     #[must_use]
     pub fn texture(&self) -> Option<TextureId> {
-        self.texture
+        self.drawer.texture()
     }
 
     /// Why the last picture could not be drawn.
@@ -151,10 +124,16 @@ impl Preview {
         self.error.as_deref()
     }
 
-    /// The device's name.
+    /// What draws.
     #[must_use]
-    pub fn device_name(&self) -> &str {
-        &self.renderer.gpu().name
+    pub fn drawn_by(&self) -> String {
+        self.drawer.name()
+    }
+
+    /// The level of detail that is shown.
+    #[must_use]
+    pub fn level(&self) -> usize {
+        self.drawer.level()
     }
 
     /// What the last finished picture took.
@@ -166,7 +145,13 @@ impl Preview {
     /// Which share of a finer picture is done, where one is being drawn.
     #[must_use]
     pub fn refining(&self) -> Option<f32> {
-        self.refining.as_ref().map(|partial| partial.rows as f32 / partial.height() as f32)
+        matches!(self.running, Some((_, Pace::InParts))).then(|| self.drawer.progress()).flatten()
+    }
+
+    /// Whether the picture that was begun last is there in full.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        self.running.is_none() && self.last.is_some_and(|drawn| drawn.detail == Detail::FULL)
     }
 
     /// How many pictures the window has shown so far.
@@ -180,86 +165,42 @@ impl Preview {
     /// # Errors
     /// [`Error::PictureSize`] or [`Error::Device`] when it does not fit the device; as [`crate::scene::Surfaces::new`].
     pub fn picture(&mut self, view: &ViewState) -> Result<Picture> {
-        let gpu = self.renderer.gpu().clone();
-        let target = Target::new(&gpu, view.render_settings.image_size)?;
-        self.renderer.prepare_scene(&view.scene, &self.scene.surfaces(&view.scene)?, target.size())?;
-        self.renderer.draw(view, &target)?;
-        let mut picture = target.read_back(&gpu)?;
-        if let Some(bar) = scale_bar(view, self.renderer.volume()) {
-            draw_over_picture(&bar, &mut picture, Vec3::from_array(view.render_settings.background))?;
-        }
-        Ok(picture)
+        self.drawer.picture(view)
     }
 
-    /// Draws and shows a picture.
-    fn draft(&mut self, wanted: &ViewState, detail: Detail) -> Result<()> {
-        let mut partial = PartialPicture::new(self.renderer.gpu(), wanted, detail)?;
-        let rows = partial.height();
-        self.draw_rows(wanted, &mut partial, rows)?;
-        self.show(wanted, partial);
-        Ok(())
+    /// The volume, where it is still in memory.
+    #[must_use]
+    pub fn into_volume(self) -> Option<Arc<VolumeTexels>> {
+        self.drawer.into_volume()
     }
 
-    /// Draws as many rows of a finer picture as a pass has time for, and shows it once it is complete.
-    fn refine(&mut self, wanted: &ViewState, detail: Detail) -> Result<()> {
-        let mut partial = match self.refining.take().filter(|partial| partial.detail == detail) {
-            Some(partial) => partial,
-            None => PartialPicture::new(self.renderer.gpu(), wanted, detail)?,
+    /// Goes on with the picture that is being drawn, and takes note of it once it is complete.
+    fn go_on(&mut self, context: &egui::Context) {
+        let (Some((detail, pace)), Some(begun)) = (self.running, &self.begun) else { return };
+        let seconds = match self.drawer.go_on(context, pace) {
+            Ok(None) => return,
+            Ok(Some(seconds)) => seconds,
+            Err(error) => return self.fail(&error),
         };
-        let [width, height] = partial.target.size();
-        let row_work = work([width, 1], wanted.render_settings.step * detail.step_factor);
-        let start = Instant::now();
-        while partial.rows < height && start.elapsed().as_secs_f64() < PASS_BUDGET {
-            let seconds = self.draw_rows(wanted, &mut partial, self.refinement.strip(row_work))?;
-            self.refinement.strip_finished(seconds);
-        }
-        if partial.rows < height {
-            self.refining = Some(partial);
-        } else {
-            self.show(wanted, partial);
-        }
-        Ok(())
-    }
-
-    /// Draws the next rows and waits for them; returns the seconds that they took.
-    fn draw_rows(&mut self, wanted: &ViewState, partial: &mut PartialPicture, rows: u32) -> Result<f64> {
-        let mut state = wanted.clone();
-        state.render_settings.step *= partial.detail.step_factor;
-        let end = (partial.rows + rows).min(partial.height());
-        let surfaces = self.scene.surfaces(&state.scene)?;
-        self.renderer.prepare_scene(&state.scene, &surfaces, partial.target.size())?;
-        let start = Instant::now();
-        self.renderer.draw_rows(&state, &partial.target, partial.rows..end)?;
-        // Waited for, because the window waits for its picture anyway, and so that the time is the device's.
-        let gpu = self.renderer.gpu();
-        gpu.device.poll(PollType::wait_indefinitely()).map_err(|error| Error::Device {
-            action: "drawing the picture",
-            device: gpu.name.clone(),
-            reason: error.to_string(),
-        })?;
-        let seconds = start.elapsed().as_secs_f64();
-        partial.seconds += seconds;
-        partial.rows = end;
-        Ok(seconds)
-    }
-
-    /// Hands a finished picture to egui.
-    fn show(&mut self, wanted: &ViewState, PartialPicture { detail, target, seconds, .. }: PartialPicture) {
-        let step = wanted.render_settings.step * detail.step_factor;
-        self.refinement.finished(detail, seconds, work(target.size(), step));
+        let settings = &begun.render_settings;
+        let drawn = work(picture_size(settings.image_size, detail), settings.step * detail.step_factor);
+        self.refinement.finished(detail, seconds, drawn);
         self.last = Some(Drawn { detail, seconds });
         self.pictures += 1;
-        let (device, view, filter) = (&self.render_state.device, target.view(), FilterMode::Linear);
-        let mut egui_renderer = self.render_state.renderer.write();
-        match self.texture {
-            Some(texture) => egui_renderer.update_egui_texture_from_wgpu_texture(device, view, filter, texture),
-            None => self.texture = Some(egui_renderer.register_native_texture(device, view, filter)),
-        }
-        self.target = Some(target);
+        self.running = None;
+        self.error = None;
+        // Comes back to refine further, or to find that there is nothing left to do.
+        context.request_repaint();
+    }
+
+    fn fail(&mut self, error: &Error) {
+        self.drawer.give_up();
+        self.running = None;
+        self.complain(error);
     }
 }
 
-/// Pixels times samples per `L_min`.
-fn work([width, height]: [u32; 2], step: f32) -> f64 {
-    f64::from(width) * f64::from(height) / f64::from(step.max(1e-3))
+/// What the picture takes in full.
+fn full_work(wanted: &ViewState) -> f64 {
+    work(wanted.render_settings.image_size, wanted.render_settings.step)
 }

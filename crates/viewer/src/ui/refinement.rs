@@ -50,13 +50,12 @@ pub enum Action {
 
 /// Decides on [`Action`]s by what was drawn and how long it took.
 ///
-/// Work is counted in pixels times samples per `L_min`.
+/// Work is counted as by [`work`].
 #[derive(Clone, Copy, Debug)]
 pub struct Refinement {
     drawn: Option<Detail>,
     changed_at: f64,
     seconds_per_work: Option<f64>,
-    strip_work: f64,
     first_draft: Detail,
 }
 
@@ -65,13 +64,7 @@ impl Refinement {
     #[must_use]
     pub fn new(is_cpu: bool) -> Self {
         let first_draft = Detail { divisor: if is_cpu { 4 } else { 2 }, step_factor: MOST_STEP_FACTOR };
-        Self {
-            drawn: None,
-            changed_at: f64::NEG_INFINITY,
-            seconds_per_work: None,
-            strip_work: FIRST_STRIP,
-            first_draft,
-        }
+        Self { drawn: None, changed_at: f64::NEG_INFINITY, seconds_per_work: None, first_draft }
     }
 
     /// What to do at time `now` in seconds. `changed`: the picture shown is no longer the one wanted; `hand_down`: a
@@ -96,23 +89,6 @@ impl Refinement {
         self.changed_at += seconds;
     }
 
-    /// How many rows of `row_work` each to draw at once.
-    #[must_use]
-    pub fn strip(&self, row_work: f64) -> u32 {
-        (self.strip_work / row_work.max(1.0)).clamp(f64::from(LEAST_STRIP), 65_536.0) as u32
-    }
-
-    /// Takes note of how long a strip took: the next one grows or shrinks. By the strip itself and not by a picture's
-    /// average, because that holds what many small strips cost, and would make them smaller still.
-    pub fn strip_finished(&mut self, seconds: f64) {
-        if seconds < 0.5 * STRIP_BUDGET {
-            self.strip_work *= 2.0;
-        } else if seconds > 2.0 * STRIP_BUDGET {
-            self.strip_work *= 0.5;
-        }
-        self.strip_work = self.strip_work.clamp(1.0, MOST_STRIP);
-    }
-
     /// The finest detail that keeps within the budget: longer steps first, then fewer pixels.
     fn draft(&self, work: f64) -> Detail {
         let Some(seconds_per_work) = self.seconds_per_work else {
@@ -132,6 +108,43 @@ impl Refinement {
         let soon_done = self.seconds_per_work.is_some_and(|seconds| seconds * work <= DIRECT_BUDGET);
         if soon_done { Detail::FULL } else { Detail { divisor: (drawn.divisor / 2).max(1), step_factor: 1.0 } }
     }
+}
+
+/// How much of a picture to draw at once, by how long what was drawn before took.
+#[derive(Clone, Copy, Debug)]
+pub struct StripLength {
+    work: f64,
+}
+
+impl Default for StripLength {
+    fn default() -> Self {
+        Self { work: FIRST_STRIP }
+    }
+}
+
+impl StripLength {
+    /// How many rows of `row_work` each to draw at once.
+    #[must_use]
+    pub fn rows(&self, row_work: f64) -> u32 {
+        (self.work / row_work.max(1.0)).clamp(f64::from(LEAST_STRIP), 65_536.0) as u32
+    }
+
+    /// Takes note of how long a strip took: the next one grows or shrinks. By the strip itself and not by a picture's
+    /// average, because that holds what many small strips cost, and would make them smaller still.
+    pub fn drawn(&mut self, seconds: f64) {
+        if seconds < 0.5 * STRIP_BUDGET {
+            self.work *= 2.0;
+        } else if seconds > 2.0 * STRIP_BUDGET {
+            self.work *= 0.5;
+        }
+        self.work = self.work.clamp(1.0, MOST_STRIP);
+    }
+}
+
+/// Pixels times samples per `L_min`.
+#[must_use]
+pub fn work([width, height]: [u32; 2], step: f32) -> f64 {
+    f64::from(width) * f64::from(height) / f64::from(step.max(1e-3))
 }
 
 #[cfg(test)]
@@ -182,16 +195,16 @@ mod tests {
 
     #[test]
     fn strips_grow_on_a_fast_device_and_shrink_on_a_slow_one() {
-        let mut refinement = Refinement::new(true);
-        let first = refinement.strip(100.0);
-        refinement.strip_finished(0.001);
-        assert_eq!(refinement.strip(100.0), 2 * first);
-        (0..3).for_each(|_| refinement.strip_finished(1.0));
-        assert_eq!(refinement.strip(100.0), first / 4);
-        (0..100).for_each(|_| refinement.strip_finished(1.0));
-        assert_eq!(refinement.strip(100.0), LEAST_STRIP);
-        (0..100).for_each(|_| refinement.strip_finished(0.0));
-        assert_eq!(refinement.strip(100.0), 65_536);
+        let mut strip = StripLength::default();
+        let first = strip.rows(100.0);
+        strip.drawn(0.001);
+        assert_eq!(strip.rows(100.0), 2 * first);
+        (0..3).for_each(|_| strip.drawn(1.0));
+        assert_eq!(strip.rows(100.0), first / 4);
+        (0..100).for_each(|_| strip.drawn(1.0));
+        assert_eq!(strip.rows(100.0), LEAST_STRIP);
+        (0..100).for_each(|_| strip.drawn(0.0));
+        assert_eq!(strip.rows(100.0), 65_536);
     }
 
     #[test]

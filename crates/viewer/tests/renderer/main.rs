@@ -7,6 +7,7 @@ mod clipping;
 mod cpu_gpu;
 mod integration;
 mod occlusion;
+mod one_after_another;
 mod packed_file;
 mod painted;
 mod phantom;

@@ -1,0 +1,76 @@
+//! A window without its device: what the first one is opened with, and what is left when the device is lost.
+
+use std::sync::Arc;
+
+use eframe::egui_wgpu::RenderState;
+
+use super::ViewerWindow;
+use super::finer_levels::FinerLevels;
+use super::histogram::HistogramPanel;
+use super::opened_volume::OpenedVolume;
+use super::preview::Preview;
+use super::save_picture::SavePicture;
+use crate::Result;
+use crate::device_args::DeviceArgs;
+use crate::state::{TransferFunction, ViewState};
+use crate::volume::VolumeTexels;
+
+/// Everything that a window holds but the picture and what draws it.
+pub struct KeptWindow {
+    /// What the picture looks like.
+    pub view: ViewState,
+    volume: OpenedVolume,
+    histogram: HistogramPanel,
+    save: SavePicture,
+    finer: FinerLevels,
+    /// What was drawn, where it is still in memory: a device that has all of it is the only one that does.
+    pub texels: Option<Arc<VolumeTexels>>,
+}
+
+impl KeptWindow {
+    /// For the first picture of a volume: the proposed regions, everything else as it is by default.
+    #[must_use]
+    pub fn new(volume: OpenedVolume) -> Self {
+        let regions = volume.proposed_regions.clone();
+        let transfer_function = TransferFunction { regions, ..TransferFunction::default() };
+        Self {
+            view: ViewState { transfer_function, ..ViewState::default() },
+            histogram: HistogramPanel::new(&volume),
+            save: SavePicture::new(&volume.path),
+            finer: FinerLevels::default(),
+            volume,
+            texels: None,
+        }
+    }
+
+    /// Shows what a session says; the proposed regions stay where it has none.
+    pub fn open_session(&mut self, session: ViewState) {
+        let proposed = std::mem::replace(&mut self.view, session).transfer_function.regions;
+        let regions = &mut self.view.transfer_function.regions;
+        if regions.is_empty() {
+            *regions = proposed;
+        }
+    }
+
+    /// Of a window that is closed because its device is lost.
+    #[must_use]
+    pub fn of(window: ViewerWindow) -> Self {
+        let ViewerWindow { view, volume, preview, histogram, save, finer, .. } = window;
+        Self { view, volume, histogram, save, finer, texels: preview.into_volume() }
+    }
+
+    /// The window on a device, with a level of the volume to begin with.
+    ///
+    /// # Errors
+    /// As [`Preview::new`].
+    pub fn open(
+        self,
+        render_state: &RenderState,
+        texels: &Arc<VolumeTexels>,
+        device: DeviceArgs,
+    ) -> Result<ViewerWindow> {
+        let Self { view, volume, histogram, save, finer, .. } = self;
+        let preview = Preview::new(render_state, texels, device)?;
+        Ok(ViewerWindow { view, volume, preview, histogram, save, finer, viewport: [1, 1] })
+    }
+}
