@@ -7,6 +7,7 @@ use wgpu::{
 
 use super::gpu::Gpu;
 use super::occlusion_texture::OcclusionTexture;
+use crate::Result;
 use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
@@ -14,7 +15,8 @@ use crate::classify::value_table::{PARTS, SIDE};
 use crate::classify::{EmphasisTable, MacrocellRanges, Occupancy, OpacityTable, PreintegrationTable, ValueTable};
 use crate::frame::Frame;
 use crate::state::{Classification, Curve, TransferFunction, TwoSidedEmphasis, ViewState};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::streaming::TexelSource;
+use crate::volume::VolumeDescription;
 
 const TABLE_SIZE: Extent3d =
     Extent3d { width: VALUE_BINS as u32, height: GRADIENT_BINS as u32, depth_or_array_layers: 1 };
@@ -51,9 +53,8 @@ pub struct Changes {
 }
 
 impl LookupTextures {
-    /// Makes ready for a volume.
-    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Self {
-        let ranges = MacrocellRanges::new(volume);
+    /// Makes ready for a volume with these ranges.
+    pub fn new(gpu: &Gpu, volume: &TexelSource, ranges: MacrocellRanges) -> Self {
         let [width, height, depth_or_array_layers] = ranges.dims().map(|dim| dim as u32);
         let size = Extent3d { width, height, depth_or_array_layers };
         Self {
@@ -76,6 +77,9 @@ impl LookupTextures {
     }
 
     /// Brings the textures up to date.
+    ///
+    /// # Errors
+    /// As [`OcclusionTexture::update`].
     pub fn update(
         &mut self,
         gpu: &Gpu,
@@ -83,7 +87,7 @@ impl LookupTextures {
         volume: &VolumeDescription,
         emphases: &EmphasisTable,
         frame: &Frame,
-    ) -> Changes {
+    ) -> Result<Changes> {
         let rows = emphases.rows() as u32;
         let is_other = self.emphasis_table.height() != rows;
         if is_other {
@@ -136,8 +140,8 @@ impl LookupTextures {
             self.drawn = drawn;
         }
         let transfer_function = (&state.transfer_function, volume);
-        let is_lit_otherwise = self.occlusion.update(gpu, transfer_function, (table, emphases), values, frame);
-        Changes { textures: is_other || is_lit_otherwise, occupancy: is_drawn_elsewhere }
+        let is_lit_otherwise = self.occlusion.update(gpu, transfer_function, (table, emphases), values, frame)?;
+        Ok(Changes { textures: is_other || is_lit_otherwise, occupancy: is_drawn_elsewhere })
     }
 
     /// Where something can be drawn; `None` where rays do not leap.

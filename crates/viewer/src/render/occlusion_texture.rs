@@ -1,5 +1,7 @@
 //! How little light comes where, on the GPU.
 
+use std::sync::Arc;
+
 use glam::Vec4;
 use wgpu::{Extent3d, Texture, TextureDimension, TextureFormat, TextureView, TextureViewDescriptor};
 
@@ -8,24 +10,39 @@ use super::lookup_textures::{texture, write};
 use crate::classify::{EmphasisTable, MacrocellSamples, Occlusion, OpacityTable, ValueTable};
 use crate::frame::Frame;
 use crate::state::{Classification, TransferFunction};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::streaming::{PackedVolume, TexelSource};
+use crate::volume::VolumeDescription;
+use crate::{Error, Result};
 
 /// A texture that is as large as there is something to say.
 pub struct OcclusionTexture {
     texture: Texture,
-    /// All that is asked of the volume, which need not be there any more.
-    samples: MacrocellSamples,
+    samples: Samples,
     /// Whose it is, and what cuts.
     of: Option<(TransferFunction, Vec<Vec4>)>,
 }
 
+/// All that is asked of the volume, which need not be in memory any more.
+enum Samples {
+    Gathered(MacrocellSamples),
+    /// Gathered whenever they are needed, and not kept: memory is short then.
+    InFile(Arc<PackedVolume>),
+}
+
 impl OcclusionTexture {
     /// Makes ready for a volume: light comes everywhere.
-    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Self {
-        Self { texture: volume_texture(gpu, [1; 3]), samples: MacrocellSamples::new(volume), of: None }
+    pub fn new(gpu: &Gpu, volume: &TexelSource) -> Self {
+        let samples = match volume {
+            TexelSource::Memory(volume) => Samples::Gathered(MacrocellSamples::new(volume)),
+            TexelSource::File(volume) => Samples::InFile(Arc::clone(volume)),
+        };
+        Self { texture: volume_texture(gpu, [1; 3]), samples, of: None }
     }
 
     /// Brings the texture up to date; whether it is another one than before. `values` are there where value decides.
+    ///
+    /// # Errors
+    /// As [`MacrocellSamples::of_packed`].
     pub fn update(
         &mut self,
         gpu: &Gpu,
@@ -33,19 +50,31 @@ impl OcclusionTexture {
         (table, emphases): (&OpacityTable, &EmphasisTable),
         values: Option<&ValueTable>,
         frame: &Frame,
-    ) -> bool {
+    ) -> Result<bool> {
         let planes = frame.cutting_planes();
         let wanted = (frame.shading.occlusion > 0.0).then_some((transfer_function, planes));
         if self.of.as_ref().map(|(of, planes)| (of, &planes[..])) == wanted {
-            return false;
+            return Ok(false);
         }
-        self.of = wanted.map(|(of, planes)| (of.clone(), planes.to_vec()));
+        let made_of = wanted.map(|(of, planes)| (of.clone(), planes.to_vec()));
         let volume = (volume, planes);
-        let occlusion = wanted.map(|_| match (frame.classification, values) {
-            (Classification::Stored, _) => Occlusion::of_stored(&self.samples, volume),
-            (Classification::Value, Some(values)) => Occlusion::of_values(&self.samples, volume, values),
-            _ => Occlusion::of_roles(&self.samples, volume, table, emphases),
+        let occlusion = wanted.map(|_| {
+            let gathered;
+            let samples = match &self.samples {
+                Samples::Gathered(samples) => samples,
+                Samples::InFile(volume) => {
+                    gathered = MacrocellSamples::of_packed(volume)?;
+                    &gathered
+                }
+            };
+            Ok::<_, Error>(match (frame.classification, values) {
+                (Classification::Stored, _) => Occlusion::of_stored(samples, volume),
+                (Classification::Value, Some(values)) => Occlusion::of_values(samples, volume, values),
+                _ => Occlusion::of_roles(samples, volume, table, emphases),
+            })
         });
+        let occlusion = occlusion.transpose()?;
+        self.of = made_of;
         let dims = occlusion.as_ref().map_or([1; 3], Occlusion::dims).map(|dim| dim as u32);
         let size = self.texture.size();
         let is_other = [size.width, size.height, size.depth_or_array_layers] != dims;
@@ -55,7 +84,7 @@ impl OcclusionTexture {
         if let Some(occlusion) = occlusion {
             write(gpu, &self.texture, occlusion.shares());
         }
-        is_other
+        Ok(is_other)
     }
 
     /// What shaders read.

@@ -17,11 +17,12 @@ use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
-use crate::classify::EmphasisTable;
+use crate::classify::{EmphasisTable, MacrocellRanges};
 use crate::frame::Frame;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, TransferFunction, ViewState};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::streaming::TexelSource;
+use crate::volume::VolumeDescription;
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
@@ -58,16 +59,18 @@ impl Passes {
 
 impl Renderer {
     /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes,
-    /// or than the device has, stays where it is, and bricks of it are uploaded when they are to be seen; others are no
-    /// longer needed afterwards.
+    /// or than the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
+    /// to be seen; others are no longer needed afterwards.
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the
-    /// device refuses the shaders.
-    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
+    /// device refuses the shaders; as [`MacrocellRanges::of`].
+    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, budget: Option<u64>) -> Result<Self> {
+        let volume = &volume.into();
         let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
+        let ranges = MacrocellRanges::of(volume)?;
         gpu.checked("preparing to draw", || {
-            let lookup_textures = LookupTextures::new(gpu, volume);
+            let lookup_textures = LookupTextures::new(gpu, volume, ranges);
             let bindings = Bindings::new(gpu);
             let passes = match volume_textures {
                 VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
@@ -76,7 +79,7 @@ impl Renderer {
             let geometry = Geometry::new(gpu, bindings.uniforms());
             let (opaque, bound_geometry) = geometry.views(&ViewState::default(), [1, 1]);
             let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures, opaque);
-            let volume = volume.description.clone();
+            let volume = volume.description().clone();
             let (gpu, emphases, slice_blending) = (gpu.clone(), None, None);
             Self {
                 gpu,
@@ -143,7 +146,8 @@ impl Renderer {
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses what slices need or is lost while bricks are brought to it,
-    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick.
+    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick, [`crate::Error::Pack`] when a
+    /// brick of a file is damaged, [`crate::Error::TooMuchMemory`] when memory does not suffice for its occlusion.
     ///
     /// # Panics
     /// When `rows` reach beyond the target.
@@ -156,7 +160,7 @@ impl Renderer {
             kept.unwrap_or_else(|| (state.transfer_function.clone(), EmphasisTable::new(&state.transfer_function))),
         );
         let frame = Frame::new(state, &self.volume, emphases, target.size());
-        let changes = self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame);
+        let changes = self.lookup_textures.update(gpu, state, &self.volume, emphases, &frame)?;
         let (opaque, geometry) = self.geometry.views(state, target.size());
         if changes.textures || geometry != self.bound_geometry {
             self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures, opaque);
@@ -192,7 +196,7 @@ impl Renderer {
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;
                 if changes.occupancy {
-                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame);
+                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame)?;
                 }
                 march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, rows)
             }
