@@ -13,6 +13,7 @@ use crate::headless::read_session;
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
 use crate::state::{Classification, ViewState};
+use crate::streaming::memory_bound::{bound, require};
 use crate::ui::finer_levels::FinerLevels;
 use crate::ui::opened_volume::OpenedVolume;
 use crate::ui::{ViewerWindow, theme, window_ui};
@@ -24,18 +25,25 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 const LEAST_SIZE: [f32; 2] = [960.0, 600.0];
 
 /// Opens a window on a volume, with what a session says, and runs it until it is closed. The volume takes `budget`
-/// bytes of the GPU at most.
+/// bytes of the GPU at most, and `memory` bytes of the machine's.
 ///
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the
 /// message then says to use `render` instead.
-pub fn run(path: &Path, session: Option<&Path>, budget: Option<u64>, options: &ReadOptions) -> anyhow::Result<()> {
+pub fn run(
+    path: &Path,
+    session: Option<&Path>,
+    [budget, memory]: [Option<u64>; 2],
+    options: &ReadOptions,
+) -> anyhow::Result<()> {
     let session = session.map(read_session).transpose()?;
     let is_stored = |session: &ViewState| session.transfer_function.classification == Classification::Stored;
     ensure!(!session.as_ref().is_some_and(is_stored), "stored opacities are drawn by `voxrole-view render` alone");
     let named = || path.display().to_string();
     let opened = open_or_prepare(path, options)?;
     let reader = &opened.reader;
+    let memory = bound(memory)?;
+    require(reader, reader.levels() - 1, memory, "the window needs all of its coarsest level").with_context(named)?;
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);
     // A small level is there at once; finer ones follow when the window is open.
@@ -54,7 +62,7 @@ pub fn run(path: &Path, session: Option<&Path>, budget: Option<u64>, options: &R
         if let Some(session) = session {
             window.open_session(session);
         }
-        window.finer = FinerLevels::read(opened.reader, texels.description.level, creation.egui_ctx.clone());
+        window.finer = FinerLevels::read(opened.reader, texels.description.level, memory, creation.egui_ctx.clone());
         Ok(Box::new(App { window }) as Box<dyn eframe::App>)
     });
     eframe::run_native(&title, options, creator).map_err(|error| match error {

@@ -10,6 +10,7 @@ use voxrole_preprocess::Error;
 use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
 use voxrole_preprocess::io::open_volume;
+use voxrole_preprocess::machine_memory::half_of_memory;
 use voxrole_preprocess::prepare::prepare_file;
 use voxrole_preprocess::report::Report;
 use voxrole_preprocess::root_finder::RootFinder;

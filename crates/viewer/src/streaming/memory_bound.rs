@@ -26,6 +26,17 @@ pub fn level_bytes(reader: &Reader, level: usize) -> crate::Result<u64> {
     Ok(dims.iter().fold(BYTES_PER_TEXEL, |bytes, &dim| bytes.saturating_mul(dim.into())))
 }
 
+/// Refuses a level whose texels do not fit into `memory` bytes where they all have to, for a reason.
+///
+/// # Errors
+/// [`Error::TooMuchMemory`] when they do not fit, [`Error::Pack`] when there is no such level.
+pub fn require(reader: &Reader, level: usize, memory: u64, reason: &str) -> crate::Result<()> {
+    if level_bytes(reader, level)? <= memory {
+        return Ok(());
+    }
+    Err(too_much(reader, level, memory, reason.to_owned())?)
+}
+
 /// The error for a level whose texels do not fit into `memory` bytes where they all have to, with what can be done.
 ///
 /// # Errors

@@ -137,20 +137,14 @@ impl PackedVolume {
     /// [`crate::Error::Pack`], naming brick and layer, when one is damaged or there is none of that number.
     pub fn bricks(&self, wanted: &[usize]) -> Result<HashMap<usize, Arc<TexelBrick>>> {
         let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut there = HashMap::new();
-        let mut absent = Vec::new();
+        let mut wanted = wanted.to_vec();
+        wanted.sort_unstable();
+        wanted.dedup();
         let mut kept = lock();
-        for &brick in wanted {
-            if !there.contains_key(&brick) {
-                match kept.cache.get(brick) {
-                    Some(texels) => drop(there.insert(brick, texels)),
-                    None => absent.push(brick),
-                }
-            }
-        }
+        let mut there: HashMap<_, _> =
+            wanted.iter().filter_map(|&brick| Some((brick, kept.cache.get(brick)?))).collect();
         drop(kept);
-        absent.sort_unstable();
-        absent.dedup();
+        let absent: Vec<usize> = wanted.into_iter().filter(|brick| !there.contains_key(brick)).collect();
         let read = |&brick: &usize| TexelBrick::read(&self.opened.reader, &self.description, brick).map(Arc::new);
         let unpacked: Vec<_> = absent.par_iter().with_max_len(1).map(read).collect::<Result<_>>()?;
         self.unpacked.fetch_add(absent.len() as u64, Ordering::Relaxed);

