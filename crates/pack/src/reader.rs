@@ -248,13 +248,20 @@ impl Reader {
     /// # Errors
     /// As [`Self::read_region`].
     pub fn read_brick<T: Scalar>(&self, kind: LayerKind, level: usize, brick: usize) -> Result<Vec<T>> {
-        let index = self.typed_layer::<T>(kind)?;
-        let grid = self.grid(level)?;
-        let mut values = self.read_numbers(Table::Layer(index), level, brick, &grid)?;
+        let mut values = self.read_brick_or_constant(kind, level, brick)?;
         if let [one] = values[..] {
-            values.resize(grid.voxel_count(brick), one);
+            values.resize(self.grid(level)?.voxel_count(brick), one);
         }
         Ok(values)
+    }
+
+    /// As [`Self::read_brick`], but a single number where the directory says that it stands for all of the brick.
+    ///
+    /// # Errors
+    /// As [`Self::read_region`].
+    pub fn read_brick_or_constant<T: Scalar>(&self, kind: LayerKind, level: usize, brick: usize) -> Result<Vec<T>> {
+        let index = self.typed_layer::<T>(kind)?;
+        self.read_numbers(Table::Layer(index), level, brick, &self.grid(level)?)
     }
 
     /// The input's numbers in their own type, with the factor and offset that make them physical.

@@ -25,6 +25,21 @@ pub fn byte_size(text: &str) -> Result<u64, String> {
         .ok_or_else(|| "expected a number and a unit, such as 900MiB or 8GiB".into())
 }
 
+/// A number of bytes in words, in the largest unit of which there is one at least.
+#[must_use]
+pub fn byte_size_text(bytes: u64) -> String {
+    let units = [("TiB", 40), ("GiB", 30), ("MiB", 20), ("KiB", 10)];
+    let unit = units.into_iter().find(|(_, bits)| bytes >> bits > 0);
+    unit.map_or_else(
+        || format!("{bytes} bytes"),
+        |(name, bits)| {
+            let number = bytes as f64 / (1_u64 << bits) as f64;
+            let decimals = usize::from(number < 9.95 && number.fract() != 0.0);
+            format!("{number:.decimals$} {name}")
+        },
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -37,6 +52,21 @@ mod tests {
         assert_eq!(byte_size("10MB"), Ok(10_000_000));
         for wrong in ["", "64", "MiB", "-1GiB", "1e3MiB", "1PiB", "0GiB", "NaNMiB"] {
             assert!(byte_size(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_said_in_the_unit_that_fits() {
+        for (bytes, text) in [
+            (0, "0 bytes"),
+            (1023, "1023 bytes"),
+            (1 << 10, "1 KiB"),
+            (3 << 19, "1.5 MiB"),
+            (256 << 20, "256 MiB"),
+            (64 << 30, "64 GiB"),
+            (u64::MAX, "16777216 TiB"),
+        ] {
+            assert_eq!(byte_size_text(bytes), text);
         }
     }
 }

@@ -25,6 +25,7 @@ pub mod grid;
 pub mod holes;
 pub mod io;
 pub mod joint_histogram;
+pub mod machine_memory;
 #[cfg(test)]
 mod naive_mean;
 pub mod noise;

@@ -20,6 +20,7 @@ use crate::headless::read_session;
 use crate::open::open_or_prepare;
 use crate::render::Gpu;
 use crate::state::{Classification, ViewState};
+use crate::streaming::memory_bound::{bound, require};
 use crate::ui::device_loss::DeviceLoss;
 use crate::ui::finer_levels::FinerLevels;
 use crate::ui::kept_window::KeptWindow;
@@ -38,13 +39,19 @@ const STEADY: Duration = Duration::from_secs(60);
 /// How long a driver has to come back before the window is opened again.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// Opens a window on a volume, with what a session says, and runs it until it is closed.
+/// Opens a window on a volume, with what a session says, and runs it until it is closed. The volume takes `memory` bytes of
+/// the machine's memory at most.
 ///
 /// # Errors
 /// When the volume cannot be opened or does not fit the device, or where there is no GPU adapter or no display; the
 /// message then says to use `render` instead. When one device after another is lost.
-pub fn run(path: &Path, session: Option<&Path>, device: DeviceArgs, options: &ReadOptions) -> anyhow::Result<()> {
-    run_and_tell(path, session, device, options, |_| ())
+pub fn run(
+    path: &Path,
+    session: Option<&Path>,
+    limits: (DeviceArgs, Option<u64>),
+    options: &ReadOptions,
+) -> anyhow::Result<()> {
+    run_and_tell(path, session, limits, options, |_| ())
 }
 
 /// The same; tells of every window that is opened: the first one, and another for each device that is lost.
@@ -54,7 +61,7 @@ pub fn run(path: &Path, session: Option<&Path>, device: DeviceArgs, options: &Re
 pub fn run_and_tell(
     path: &Path,
     session: Option<&Path>,
-    device: DeviceArgs,
+    (device, memory): (DeviceArgs, Option<u64>),
     options: &ReadOptions,
     mut opened_window: impl FnMut(&CreationContext<'_>),
 ) -> anyhow::Result<()> {
@@ -62,15 +69,17 @@ pub fn run_and_tell(
     let is_stored = |session: &ViewState| session.transfer_function.classification == Classification::Stored;
     ensure!(!session.as_ref().is_some_and(is_stored), "stored opacities are drawn by `voxrole-view render` alone");
     let opened = open_or_prepare(path, options)?;
+    let named = || path.display().to_string();
+    let (coarsest, memory) = (opened.reader.levels() - 1, bound(memory)?);
+    require(&opened.reader, coarsest, memory, "the window needs all of its coarsest level").with_context(named)?;
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);
-    let named = || path.display().to_string();
     let description = VolumeDescription::of(&opened.reader, 0).with_context(named)?;
     let mut window = KeptWindow::new(OpenedVolume::read(path, &opened.reader, &description).with_context(named)?);
     if let Some(session) = session {
         window.open_session(session);
     }
-    let runner = Runner { path, reader: Arc::new(opened.reader), device };
+    let runner = Runner { path, reader: Arc::new(opened.reader), device, memory };
     let mut kept = Kept { window, memory: None, place: ViewportBuilder::default().with_inner_size(SIZE) };
     let mut losses = 0;
     loop {
@@ -93,6 +102,8 @@ struct Runner<'a> {
     path: &'a Path,
     reader: Arc<Reader>,
     device: DeviceArgs,
+    /// Most bytes that the volume takes of the machine's.
+    memory: u64,
 }
 
 /// What one window leaves to the next.
@@ -133,7 +144,7 @@ impl Runner<'_> {
             let loss = DeviceLoss::watch(&device, &context);
             let mut window = window.open(render_state, &texels, self.device)?;
             if is_read_anew {
-                window.finer = FinerLevels::read(Arc::clone(&self.reader), texels.description.level, context.clone());
+                window.finer = FinerLevels::read(&self.reader, texels.description.level, self.memory, context.clone());
             }
             // Kept by the window alone, where at all.
             drop(texels);

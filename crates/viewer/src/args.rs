@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use voxrole_preprocess::byte_size::byte_size;
 use voxrole_preprocess::raw_args::RawArgs;
 
 use crate::device_args::DeviceArgs;
@@ -29,6 +30,10 @@ pub struct Cli {
     /// What draws.
     #[command(flatten)]
     pub device: DeviceArgs,
+    /// Memory that the volume takes at most, such as 8GiB; a level of detail that takes more is not shown
+    /// [default: half of the machine's].
+    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
+    pub memory: Option<u64>,
     /// Layout of a headerless volume.
     #[command(flatten)]
     pub raw: RawArgs,
@@ -170,6 +175,10 @@ pub struct ViewArgs {
     /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,
+    /// Memory that the volume takes at most, such as 8GiB; of a larger one parts are read when they are seen, by which a GPU
+    /// draws it, also one that the CPU stands in for [default: half of the machine's].
+    #[arg(long, value_name = "SIZE", value_parser = byte_size)]
+    pub memory: Option<u64>,
     /// Colour behind the volume [default: 000000].
     #[arg(long, value_name = "RRGGBB", value_parser = parse_background)]
     pub background: Option<Background>,

@@ -53,13 +53,14 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     let in_folder = || output.display().to_string();
     let mut state = typed_state(view)?;
     state.render_settings.image_size = view.size.unwrap_or(SIZE);
-    let volume = read_what_is_drawn(file, &raw.read_options(), view.level, &mut state)?;
+    let volume = read_what_is_drawn(file, &raw.read_options(), view, &mut state)?;
+    let volume = volume.in_memory("the CPU ray marcher needs").with_context(|| file.display().to_string())?;
     if !output.is_dir() {
         fs::create_dir(output).with_context(in_folder)?;
     }
     let table = output.join("render.csv");
     atomic_file::check_output(&table, &[file]).with_context(in_folder)?;
-    let rows = measure(&volume, &state)?;
+    let rows = measure(volume, &state)?;
     write(&table, csv(&rows).as_bytes())?;
     let source = file.file_name().unwrap_or_default().to_string_lossy();
     let [width, height] = state.render_settings.image_size;

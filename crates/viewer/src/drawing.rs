@@ -14,6 +14,7 @@ use crate::render::{Gpu, Renderer, Target};
 use crate::scene::scale_bar::{draw_over_light, draw_over_picture};
 use crate::scene::{ScaleBar, Surfaces};
 use crate::state::{Camera, ViewState};
+use crate::streaming::TexelSource;
 use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, Result};
 
@@ -36,16 +37,16 @@ pub struct OnGpu {
     renderer: Renderer,
     target: Target,
     state: ViewState,
-    volume: Arc<VolumeTexels>,
+    volume: TexelSource,
     budget: Option<u64>,
 }
 
 impl OnGpu {
-    fn new(gpu: Gpu, volume: &Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+    fn new(gpu: Gpu, volume: TexelSource, state: &ViewState, budget: Option<u64>) -> Result<Self> {
         let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let mut renderer = Renderer::new(&gpu, volume, budget)?;
-        renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of(state, volume)?), target.size())?;
-        Ok(Self { gpu, renderer, target, state: state.clone(), volume: Arc::clone(volume), budget })
+        let mut renderer = Renderer::new(&gpu, &volume, budget)?;
+        renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of_source(state, &volume)?), target.size())?;
+        Ok(Self { gpu, renderer, target, state: state.clone(), volume, budget })
     }
 
     fn draw(&mut self, camera: &Camera) -> Result<Picture> {
@@ -64,7 +65,7 @@ impl OnGpu {
         match self.draw(camera) {
             Err(error @ Error::Device { .. }) => {
                 tell(format!("voxrole-view: {error}; opening it again"));
-                *self = Self::new(Gpu::new()?, &self.volume, &self.state, self.budget)?;
+                *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.budget)?;
                 self.draw(camera)
             }
             drawn => drawn,
@@ -73,25 +74,27 @@ impl OnGpu {
 }
 
 impl<'a> Drawing<'a> {
-    /// On the GPU, or on the CPU where that is asked for or there is no adapter but the CPU and it is not asked for; says on
-    /// standard error which it is.
+    /// On the GPU, or on the CPU where that is asked for, or where there is no adapter but the CPU, it is not asked for and
+    /// the volume is in memory; says on standard error which it is.
     ///
     /// # Errors
-    /// When the volume or the picture does not fit the device; as [`Surfaces::new`].
-    pub fn new(volume: &'a Arc<VolumeTexels>, state: &ViewState, device: DeviceArgs) -> Result<Self> {
+    /// When the volume or the picture does not fit the device, or the volume is not in memory and the CPU is asked for or
+    /// there is no adapter at all; as [`Surfaces::of_source`].
+    pub fn new(volume: &'a TexelSource, state: &ViewState, device: DeviceArgs) -> Result<Self> {
         let gpu = match Gpu::new() {
-            Ok(gpu) if device.wants_cpu(gpu.is_cpu) => {
-                // The same picture, in a fraction of the time.
-                tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
-                return Self::on_cpu(volume, state);
-            }
             Ok(gpu) => gpu,
             Err(error @ Error::NoAdapter(_)) if !device.gpu => {
+                let texels = volume.in_memory(&format!("{error}: the CPU ray marcher needs"))?;
                 tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher"));
-                return Self::on_cpu(volume, state);
+                return Self::on_cpu(texels, state);
             }
             Err(error) => return Err(error),
         };
+        if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
+            // The same picture, in a fraction of the time.
+            tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
+            return Self::on_cpu(texels, state);
+        }
         tell(format!("voxrole-view: drawing on {}", gpu.name));
         Self::on_gpu(gpu, volume, state, device.gpu_memory)
     }
@@ -100,8 +103,8 @@ impl<'a> Drawing<'a> {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn on_gpu(gpu: Gpu, volume: &Arc<VolumeTexels>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
-        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume, state, budget)?)))
+    pub fn on_gpu(gpu: Gpu, volume: impl Into<TexelSource>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume.into(), state, budget)?)))
     }
 
     /// On the CPU.
@@ -115,7 +118,7 @@ impl<'a> Drawing<'a> {
     /// The picture from a camera.
     ///
     /// # Errors
-    /// [`Error::Device`] when the device is lost twice, [`Error::Label`] when the scale bar's label cannot be drawn.
+    /// [`Error::Device`] when the device is lost twice, [`Error::Pack`] when a brick of a file is damaged, [`Error::Preprocess`] when the scale bar's label cannot be drawn.
     pub fn draw(&mut self, camera: &Camera) -> Result<Drawn> {
         match self {
             Self::Cpu(marcher) => {

@@ -1,5 +1,7 @@
 //! What can go wrong between a packed file and a picture.
 
+use voxrole_preprocess::byte_size::byte_size_text;
+
 /// An error of the viewer. The file's name is added by whoever opened it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -16,6 +18,24 @@ pub enum Error {
         device: String,
         /// Which limit, and by how much.
         reason: String,
+    },
+    /// All of a volume is needed in memory, which does not suffice.
+    #[error(
+        "level {level} of the volume takes {} of memory, of which {} may be taken, and {reason}; {advice}",
+        byte_size_text(*bytes),
+        byte_size_text(*memory)
+    )]
+    TooMuchMemory {
+        /// The level of detail.
+        level: usize,
+        /// What all of its texels take.
+        bytes: u64,
+        /// What may be taken.
+        memory: u64,
+        /// Why they would all have to be there, or what else takes more.
+        reason: String,
+        /// What to do.
+        advice: String,
     },
     /// A picture size that cannot be drawn.
     #[error("a picture of {width} x {height} pixels cannot be drawn: each side must be 1 to {limit}")]
@@ -56,9 +76,9 @@ pub enum Error {
     /// A picture cannot be encoded.
     #[error("encoding the picture as PNG: {0}")]
     Encode(#[from] image::ImageError),
-    /// The scale bar's label cannot be drawn.
+    /// What the preprocessor does for the viewer failed: the scale bar's label, or finding out how much memory there is.
     #[error(transparent)]
-    Label(#[from] voxrole_preprocess::Error),
+    Preprocess(#[from] voxrole_preprocess::Error),
     /// Pictures cannot be encoded as an animation.
     #[error("encoding the pictures as an animated PNG: {0}")]
     Animation(#[from] png::EncodingError),

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
@@ -18,7 +17,9 @@ use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
-use crate::state::{Camera, Classification, Region, TransferFunction, ViewState};
+use crate::state::{Camera, Classification, Region, Technique, TransferFunction, ViewState};
+use crate::streaming::TexelSource;
+use crate::streaming::memory_bound::bound;
 use crate::usage::{check_render, check_view};
 use crate::volume::VolumeTexels;
 
@@ -47,18 +48,23 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     }
     check_render(arguments, &state)?;
     let start = Instant::now();
-    let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), arguments.view.level, &mut state)?;
-    let volume = Arc::new(volume);
+    let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), &arguments.view, &mut state)?;
+    if state.render_settings.technique != Technique::Rays {
+        volume.in_memory("slices need").with_context(named)?;
+    }
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.device.cpu || outputs.need_light;
-    let drawing =
-        if on_cpu { Drawing::on_cpu(&volume, &state) } else { Drawing::new(&volume, &state, arguments.device) };
+    let drawing = if on_cpu {
+        volume.in_memory("the CPU ray marcher needs").and_then(|texels| Drawing::on_cpu(texels, &state))
+    } else {
+        Drawing::new(&volume, &state, arguments.device)
+    };
     let mut drawing = drawing.with_context(named)?;
     let ready = start.elapsed().as_secs_f64() - reading;
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;
     }
-    let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description.smallest_spacing())?;
+    let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description().smallest_spacing())?;
     if arguments.stats {
         tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {seconds:.3} s"));
         if let Some(samples) = drawn.samples {
@@ -157,7 +163,8 @@ impl<'a> Outputs<'a> {
             let mut camera = state.camera;
             camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
             let start = Instant::now();
-            let mut drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera })?;
+            let drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera });
+            let mut drawn = drawn.with_context(|| self.arguments.file.display().to_string())?;
             seconds += start.elapsed().as_secs_f64();
             if let Some(taken) = drawn.samples {
                 samples = Some(samples.unwrap_or_default().plus(taken));
@@ -199,7 +206,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     let mut state = ViewState::default();
     state.transfer_function.regions = proposed_regions(reader)?;
-    let volume = Arc::new(VolumeTexels::read(reader)?);
+    let volume = TexelSource::from(VolumeTexels::read(reader)?);
     let picture = Drawing::new(&volume, &state, DeviceArgs::default())?.draw(&state.camera)?.picture;
     write(output, &picture.to_png()?)
 }
@@ -221,7 +228,7 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
 }
 
 /// Reads what a state draws of a file, which is prepared first where that is needed, and proposes regions where nothing
-/// says what to draw.
+/// says what to draw. Texels of a packed file that take more memory than `view` lets them stay there.
 ///
 /// # Errors
 /// When the file cannot be read, is not of the kind that the state asks for, or nothing can be proposed; the message
@@ -229,16 +236,16 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
 pub fn read_what_is_drawn(
     file: &Path,
     options: &ReadOptions,
-    level: usize,
+    view: &ViewArgs,
     state: &mut ViewState,
-) -> anyhow::Result<VolumeTexels> {
+) -> anyhow::Result<TexelSource> {
     let named = || file.display().to_string();
     if state.transfer_function.classification == Classification::Stored {
-        return read_stored(file, options);
+        return Ok(read_stored(file, options)?.into());
     }
     let opened = open_or_prepare(file, options)?;
     propose_where_needed(state, &opened.reader).with_context(named)?;
-    VolumeTexels::read_level(&opened.reader, level).with_context(named)
+    TexelSource::open(opened, view.level, bound(view.memory)?).with_context(named)
 }
 
 /// The session, or else the defaults, with everything that was typed in its place.

@@ -25,6 +25,7 @@ pub mod scene;
 pub mod scene_args;
 pub mod slicing;
 pub mod state;
+pub mod streaming;
 #[cfg(feature = "window")]
 pub mod ui;
 pub mod usage;
@@ -34,4 +35,5 @@ pub use error::{Error, Result};
 pub use picture::{LightPicture, Picture, PixelLight};
 pub use render::{Gpu, Renderer, Target};
 pub use state::ViewState;
+pub use streaming::{PackedVolume, TexelSource};
 pub use volume::{VolumeDescription, VolumeTexels};

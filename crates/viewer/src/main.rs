@@ -35,7 +35,7 @@ fn main() -> ExitCode {
 
 #[cfg(feature = "window")]
 fn open_window(file: &Path, cli: &Cli) -> anyhow::Result<()> {
-    voxrole_viewer::app::run(file, cli.session.as_deref(), cli.device, &cli.raw.read_options())
+    voxrole_viewer::app::run(file, cli.session.as_deref(), (cli.device, cli.memory), &cli.raw.read_options())
 }
 
 #[cfg(not(feature = "window"))]

@@ -26,6 +26,12 @@ pub struct Opened {
     _prepared: Option<TempDir>,
 }
 
+impl From<Reader> for Opened {
+    fn from(reader: Reader) -> Self {
+        Self { reader, _prepared: None }
+    }
+}
+
 /// Opens a packed file, whatever its name ends in. A volume that has not been prepared is prepared first, with default
 /// settings, into a temporary file.
 ///

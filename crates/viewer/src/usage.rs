@@ -36,6 +36,8 @@ pub fn check_view(typed: &ViewArgs, state: &ViewState) -> Result<(), UsageError>
             {
                 refuse_if(is_typed, format!("{draws}: leave {name} out, or --classify"))?;
             }
+            let has_memory = typed.memory.is_some();
+            refuse_if(has_memory, "--classify stored reads all of the file: leave --memory out, or --classify")?;
             refuse_if(typed.level > 0, format!("stored opacities have no level {}: their last is 0", typed.level))
         }
     }
@@ -109,6 +111,7 @@ mod tests {
             ("--classify stored --curve 0,FF0000,0.5".into(), "leave --curve out"),
             ("--classify stored --integration pre".into(), "leave --integration out"),
             ("--classify stored --level 1".into(), "no level 1"),
+            ("--classify stored --memory 1GiB".into(), "leave --memory out"),
             ("--integration pre-2d".into(), "--classify value"),
             ("--technique slices --jitter".into(), "for rays"),
             ("--jitter".into(), "--integration post"),

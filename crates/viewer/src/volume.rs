@@ -2,12 +2,12 @@
 
 use glam::{DMat3, Mat3};
 use rayon::prelude::*;
+use voxrole_pack::brick::BRICK_EDGE;
 use voxrole_pack::error::vec_with_capacity;
-use voxrole_pack::{
-    DistanceQuantization, GridGeometry, HitGradientQuantization, LayerKind, Reader, Scalars, WorldFrame, with_scalars,
-};
+use voxrole_pack::{DistanceQuantization, GridGeometry, HitGradientQuantization, Reader, WorldFrame};
 
 use crate::Result;
+use crate::streaming::TexelBrick;
 
 /// What a volume's texels mean.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,18 +140,22 @@ impl VolumeTexels {
         let description = VolumeDescription::of(reader, level)?;
         let mut texels = vec_with_capacity(voxels, "the volume's texels")?;
         texels.resize(voxels, [0; 4]);
-        // One layer after another, so that only one is unpacked at a time.
-        let (values, slope, intercept) = reader.read_value_level(level)?;
-        fill_values(&mut texels, &values, slope, intercept, description.value_range);
-        drop(values);
-        let (distance, steps) = (reader.read_distance(level)?, reader.distance_quantization()?.steps);
-        fill(&mut texels, 1, &distance, |stored| distance_bits(stored, steps));
-        drop(distance);
-        let (magnitudes, steps) = (reader.read_hit_gradient(level)?, reader.hit_gradient_quantization()?.steps);
-        fill(&mut texels, 2, &magnitudes, |stored| hit_gradient_bits(stored, steps));
-        drop(magnitudes);
-        let normals: Vec<u16> = reader.read_level(LayerKind::Normal, level)?;
-        fill(&mut texels, 3, &normals, |stored| stored);
+        let [width, height, _] = description.texel_dims().map(|dim| dim as usize);
+        let grid = reader.grid(level)?;
+        let bricks_of_slab = width.div_ceil(BRICK_EDGE) * height.div_ceil(BRICK_EDGE);
+        // So that little more than the texels themselves is in memory at a time.
+        for (index, slab) in texels.chunks_mut(width * height * BRICK_EDGE).enumerate() {
+            let bricks = index * bricks_of_slab..(index + 1) * bricks_of_slab;
+            let read = |brick| TexelBrick::read(reader, &description, brick);
+            let unpacked: Vec<_> = bricks.clone().into_par_iter().with_max_len(1).map(read).collect::<Result<_>>()?;
+            slab.par_chunks_mut(width * height).enumerate().for_each(|(slice, texels)| {
+                for (brick, unpacked) in bricks.clone().zip(&unpacked) {
+                    let ([x, y, _], [columns, rows, _]) = (grid.voxel_ranges(brick), unpacked.dims());
+                    let range = [0..columns, 0..rows, slice..slice + 1];
+                    unpacked.copy_to(range, texels, [width, height], [x.start, y.start, 0]);
+                }
+            });
+        }
         Ok(Self { description, texels })
     }
 
@@ -159,81 +163,5 @@ impl VolumeTexels {
     #[must_use]
     pub fn has_hit(texel: [u16; 4]) -> bool {
         texel[1] as i16 > DistanceQuantization::MASKED && texel[2] != 0
-    }
-}
-
-/// A stored distance in 16 bits, whatever precision the file has.
-fn distance_bits(stored: i16, steps: u16) -> u16 {
-    if stored <= DistanceQuantization::MASKED || steps == DistanceQuantization::MOST_STEPS {
-        return stored as u16;
-    }
-    let scale = f32::from(DistanceQuantization::MOST_STEPS) / f32::from(steps);
-    (f32::from(stored) * scale).round() as i16 as u16
-}
-
-/// A stored gradient magnitude at the hit in 16 bits, whatever precision the file has.
-fn hit_gradient_bits(stored: u16, steps: u16) -> u16 {
-    if stored == 0 || steps == HitGradientQuantization::MOST_STEPS {
-        return stored;
-    }
-    let scale = f32::from(HitGradientQuantization::MOST_STEPS) / f32::from(steps);
-    1 + (f32::from(stored - 1) * scale).round() as u16
-}
-
-fn fill<T: Copy + Sync>(texels: &mut [[u16; 4]], channel: usize, stored: &[T], bits: impl Fn(T) -> u16 + Sync) {
-    texels.par_iter_mut().zip(stored).for_each(|(texel, &stored)| texel[channel] = bits(stored));
-}
-
-/// Fills channel 0; 0 and 65535 stand for the ends of the range.
-fn fill_values(texels: &mut [[u16; 4]], values: &Scalars, slope: f64, intercept: f64, [low, high]: [f64; 2]) {
-    let physical = |stored: f64| slope.mul_add(stored, intercept);
-    let scale = if high > low { 65535.0 / (high - low) } else { 0.0 };
-    // NaN becomes 0 in the conversion.
-    let share = |stored: f64| ((physical(stored) - low) * scale).round() as u16;
-    with_scalars!(values, values => fill(texels, 0, values, |stored| share(voxrole_pack::scalar::Scalar::to_f64(stored))));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn values(scalars: &Scalars, slope: f64, intercept: f64, range: [f64; 2]) -> Vec<u16> {
-        let mut texels = vec![[0; 4]; scalars.len()];
-        fill_values(&mut texels, scalars, slope, intercept, range);
-        texels.iter().map(|texel| texel[0]).collect()
-    }
-
-    #[test]
-    fn eight_bits_are_kept_exactly() {
-        let stored = values(&Scalars::U8((0..=255).collect()), 1.0, 0.0, [0.0, 255.0]);
-        assert!(stored.iter().enumerate().all(|(value, &stored)| usize::from(stored) == value * 257));
-    }
-
-    #[test]
-    fn a_negative_slope_turns_the_range_round() {
-        let stored = values(&Scalars::I16(vec![-100, 0, 100]), -2.0, 10.0, [-190.0, 210.0]);
-        assert_eq!(stored, [65535, 32768, 0]);
-    }
-
-    #[test]
-    fn nan_infinity_and_flat_volumes_are_drawn_as_nothing_special() {
-        let stored = values(&Scalars::F32(vec![f32::NAN, 1.0, f32::INFINITY, 3.0]), 1.0, 0.0, [1.0, 3.0]);
-        assert_eq!(stored, [0, 0, 65535, 65535]);
-        assert_eq!(values(&Scalars::F64(vec![5.0; 2]), 1.0, 0.0, [5.0, 5.0]), [0, 0]);
-        assert_eq!(values(&Scalars::F32(vec![f32::NAN]), 1.0, 0.0, [0.0, 0.0]), [0]);
-    }
-
-    #[test]
-    fn every_precision_is_widened_to_the_ends() {
-        for steps in [126, 2046, DistanceQuantization::MOST_STEPS] {
-            assert_eq!(
-                [steps as i16, 0, -(steps as i16)].map(|stored| distance_bits(stored, steps) as i16),
-                [32766, 0, -32766]
-            );
-        }
-        assert_eq!(distance_bits(DistanceQuantization::MASKED, 126) as i16, DistanceQuantization::MASKED);
-        for steps in [254, 4094, HitGradientQuantization::MOST_STEPS] {
-            assert_eq!([0, 1, steps + 1].map(|stored| hit_gradient_bits(stored, steps)), [0, 1, 65535]);
-        }
     }
 }

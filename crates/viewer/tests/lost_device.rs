@@ -60,6 +60,6 @@ fn run(path: &Path, device: DeviceArgs, losses: u32) -> (u32, anyhow::Result<()>
             }
         });
     };
-    let outcome = run_and_tell(path, None, device, &ReadOptions::default(), opened);
+    let outcome = run_and_tell(path, None, (device, None), &ReadOptions::default(), opened);
     (openings.into_inner(), outcome)
 }

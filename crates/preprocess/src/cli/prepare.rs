@@ -5,12 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, anyhow};
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use sysinfo::System;
 use voxrole_pack::unfinished;
 use voxrole_preprocess::Error;
 use voxrole_preprocess::bilateral::RangeWeights;
 use voxrole_preprocess::directional_derivative::EdgeOperator;
 use voxrole_preprocess::io::open_volume;
+use voxrole_preprocess::machine_memory::half_of_memory;
 use voxrole_preprocess::prepare::prepare_file;
 use voxrole_preprocess::report::Report;
 use voxrole_preprocess::root_finder::RootFinder;
@@ -119,14 +119,6 @@ fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: 
         terminal.summary(&tally);
     }
     Ok(if tally.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-/// Half of the memory that this machine, or the container that this runs in, has.
-fn half_of_memory() -> anyhow::Result<u64> {
-    let mut system = System::new().context("finding out how much memory there is; give --memory")?;
-    system.refresh_memory();
-    let limit = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
-    Ok(system.total_memory().min(limit) / 2)
 }
 
 fn settings(args: &PrepareArgs) -> Settings {

@@ -6,7 +6,7 @@ use glam::Vec4;
 use super::{Drawn, EmphasisTable, MacrocellRanges, MacrocellSamples, Occlusion, Occupancy, OpacityTable, ValueTable};
 use crate::frame::Frame;
 use crate::state::{Classification, Curve, TransferFunction, TwoSidedEmphasis, ViewState};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::volume::VolumeDescription;
 
 /// What has been made, and of what.
 struct Made<K, T>(Option<(K, T)>);
@@ -61,12 +61,12 @@ pub struct Changes {
 }
 
 impl LookupTables {
-    /// Gathers what a volume's macrocells hold.
+    /// Those of a volume whose macrocells hold `ranges`.
     #[must_use]
-    pub fn new(volume: &VolumeTexels) -> Self {
+    pub fn new(volume: &VolumeDescription, ranges: MacrocellRanges) -> Self {
         Self {
-            volume: volume.description.clone(),
-            ranges: MacrocellRanges::new(volume),
+            volume: volume.clone(),
+            ranges,
             samples: None,
             emphases: Made::NOTHING,
             opacity: Made::NOTHING,
@@ -76,9 +76,15 @@ impl LookupTables {
         }
     }
 
-    /// Gathers what occlusion is worked out from, of the same volume. Until then light comes everywhere.
-    pub fn gather_samples(&mut self, volume: &VolumeTexels) {
-        self.samples.get_or_insert_with(|| MacrocellSamples::new(volume));
+    /// Whether there is what occlusion is worked out from.
+    #[must_use]
+    pub fn has_samples(&self) -> bool {
+        self.samples.is_some()
+    }
+
+    /// Takes what occlusion is worked out from, of the same volume. Until then light comes everywhere.
+    pub fn set_samples(&mut self, samples: MacrocellSamples) {
+        self.samples = Some(samples);
     }
 
     /// Brings the tables up to date with a state; returns the numbers of its picture of `image_size` pixels, and what of

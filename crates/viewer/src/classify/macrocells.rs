@@ -22,15 +22,15 @@ pub const FARTHEST: u8 = 16;
 const ROUNDING: f32 = 4e-6;
 
 /// What the voxels of every macrocell hold, whatever is drawn of them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MacrocellRanges {
-    dims: [usize; 3],
-    ranges: Vec<Ranges>,
+    pub(super) dims: [usize; 3],
+    pub(super) ranges: Vec<Ranges>,
 }
 
 /// Smallest and largest numbers, as stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Ranges {
+pub(super) struct Ranges {
     value: [u16; 2],
     /// Of voxels with a boundary; the smaller is larger where there are none.
     gradient: [u16; 2],
@@ -39,15 +39,22 @@ struct Ranges {
 }
 
 impl Ranges {
-    const NONE: Self = Self { value: [u16::MAX, 0], gradient: [u16::MAX, 0], nearest: u16::MAX };
+    pub(super) const NONE: Self = Self { value: [u16::MAX, 0], gradient: [u16::MAX, 0], nearest: u16::MAX };
 
-    fn add(&mut self, texel: [u16; 4]) {
+    pub(super) fn add(&mut self, texel: [u16; 4]) {
         let widen = |[low, high]: [u16; 2], number: u16| [low.min(number), high.max(number)];
         self.value = widen(self.value, texel[0]);
         if VolumeTexels::has_hit(texel) {
             self.gradient = widen(self.gradient, texel[2]);
             self.nearest = self.nearest.min((texel[1] as i16).unsigned_abs());
         }
+    }
+
+    pub(super) fn merge(&mut self, other: Self) {
+        let widen = |a: [u16; 2], b: [u16; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        self.value = widen(self.value, other.value);
+        self.gradient = widen(self.gradient, other.gradient);
+        self.nearest = self.nearest.min(other.nearest);
     }
 }
 

@@ -9,6 +9,7 @@ pub mod macrocells;
 pub mod occlusion;
 pub mod opacity;
 pub mod opacity_correction;
+mod packed_macrocells;
 pub mod preintegration;
 pub mod region_proposal;
 pub mod value_table;

@@ -38,14 +38,14 @@ pub const FADE: f32 = 3.0;
 const OPACITIES: usize = 256;
 
 /// Value, distance and gradient magnitude of a voxel, as stored.
-type Sample = [u16; 3];
+pub(super) type Sample = [u16; 3];
 
 /// Four voxels of every macrocell, which stand for it whatever is drawn of them: a sixteenth of the volume.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MacrocellSamples {
-    dims: [usize; 3],
+    pub(super) dims: [usize; 3],
     /// x fastest.
-    samples: Vec<[Sample; 4]>,
+    pub(super) samples: Vec<[Sample; 4]>,
 }
 
 impl MacrocellSamples {
@@ -60,16 +60,19 @@ impl MacrocellSamples {
         let mut samples = vec![[[0; 3]; 4]; nx * ny * nz];
         samples.par_chunks_mut(nx).enumerate().for_each(|(row, samples)| {
             for (x, samples) in samples.iter_mut().enumerate() {
-                let macrocell = [x, row % ny, row / ny];
-                *samples = Self::PLACES.map(|place| {
-                    let [x, y, z] = [0, 1, 2]
-                        .map(|axis: usize| (macrocell[axis] * MACROCELL as usize + place[axis]).min(voxels[axis] - 1));
+                *samples = Self::places([x, row % ny, row / ny], voxels).map(|[x, y, z]| {
                     let [value, distance, gradient, _] = volume.texels[(z * voxels[1] + y) * voxels[0] + x];
                     [value, distance, gradient]
                 });
             }
         });
         Self { dims, samples }
+    }
+
+    /// The voxels that stand for a macrocell, of so many voxels.
+    pub(super) fn places(macrocell: [usize; 3], voxels: [usize; 3]) -> [[usize; 3]; 4] {
+        let along = |place: [usize; 3], axis: usize| macrocell[axis] * MACROCELL as usize + place[axis];
+        Self::PLACES.map(|place| [0, 1, 2].map(|axis: usize| along(place, axis).min(voxels[axis] - 1)))
     }
 }
 

@@ -21,7 +21,7 @@ use voxrole_preprocess::simd;
 
 use crate::cells::CellRay;
 use crate::classify::macrocells::LeapingRay;
-use crate::classify::{LookupTables, correct_opacity};
+use crate::classify::{LookupTables, MacrocellRanges, MacrocellSamples, correct_opacity};
 use crate::frame::{Frame, Interval, Ray};
 use crate::scene::lines::lines;
 use crate::scene::rasterizer::rasterize;
@@ -102,7 +102,7 @@ impl<'a> RayMarcher<'a> {
         surfaces: Arc<Surfaces>,
     ) -> Result<Self> {
         check_size(image_size)?;
-        let mut tables = LookupTables::new(volume);
+        let mut tables = LookupTables::new(&volume.description, MacrocellRanges::new(volume));
         let frame = update(&mut tables, volume, state, image_size);
         let roles = Roles::new(tables.opacity(), &state.transfer_function);
         Ok(Self { volume, state: state.clone(), tables, roles, frame, surfaces })
@@ -387,8 +387,8 @@ fn check_size([width, height]: [u32; 2]) -> Result<()> {
 
 /// Brings the tables of a volume up to date with a state.
 fn update(tables: &mut LookupTables, volume: &VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Frame {
-    if state.render_settings.shading.occlusion > 0.0 {
-        tables.gather_samples(volume);
+    if state.render_settings.shading.occlusion > 0.0 && !tables.has_samples() {
+        tables.set_samples(MacrocellSamples::new(volume));
     }
     tables.update(state, image_size).0
 }

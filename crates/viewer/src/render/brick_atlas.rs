@@ -1,8 +1,6 @@
 //! Bricks of a volume of which the device has no room for all: those that rays need, in one texture, and where each of
 //! them lies.
 
-use std::sync::Arc;
-
 use glam::Vec3;
 use wgpu::{Extent3d, Origin3d, Texture, TextureView, TextureViewDescriptor};
 
@@ -12,6 +10,8 @@ use crate::Result;
 use crate::classify::Occupancy;
 use crate::classify::macrocells::MACROCELL;
 use crate::frame::Frame;
+use crate::streaming::TexelSource;
+use crate::streaming::packed_volume::TexelBox;
 use crate::volume::VolumeTexels;
 
 /// Cells along a side of a brick.
@@ -21,9 +21,12 @@ const SIDE: u32 = BRICK + 1;
 const BRICK_BYTES: u64 = SIDE as u64 * SIDE as u64 * SIDE as u64 * BYTES_PER_TEXEL as u64;
 const UPLOADS_AT_ONCE: u64 = UPLOAD_BYTES as u64 / BRICK_BYTES;
 
+/// Bricks that are made ready together: bounds the memory that takes, and gives every thread something to do.
+const MADE_AT_ONCE: usize = 32;
+
 /// As many bricks as there is room for; others take their place when rays want them.
 pub struct BrickAtlas {
-    volume: Arc<VolumeTexels>,
+    source: TexelSource,
     /// Bricks along x, y, z.
     grid: [u32; 3],
     texture: Texture,
@@ -42,8 +45,8 @@ impl BrickAtlas {
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when not even one fits.
-    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: u64) -> Result<Self> {
-        let dims = volume.description.texel_dims();
+    pub fn new(gpu: &Gpu, source: &TexelSource, budget: u64) -> Result<Self> {
+        let dims = source.description().texel_dims();
         let grid = dims.map(|dim| dim.saturating_sub(1).max(1).div_ceil(BRICK));
         let count = grid.iter().map(|&bricks| bricks as usize).product::<usize>();
         let limit = gpu.device.limits().max_texture_dimension_3d / SIDE;
@@ -58,7 +61,7 @@ impl BrickAtlas {
         });
         let [texture, pages] = textures.map_err(|error| too_large(gpu, error.to_string()))?;
         Ok(Self {
-            volume: Arc::clone(volume),
+            source: source.clone(),
             grid,
             texture,
             pages,
@@ -81,10 +84,13 @@ impl BrickAtlas {
 
     /// Brings bricks that something can be drawn of, those nearest to the eye first, as long as there are slots that
     /// were never filled; all that may be drawn where rays do not leap.
-    pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame) {
+    ///
+    /// # Errors
+    /// As [`Self::bring`].
+    pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame) -> Result<()> {
         let free = self.slots.iter().filter(|slot| slot.is_none()).count();
         if free == 0 {
-            return;
+            return Ok(());
         }
         let drawable = occupancy.map(|occupancy| occupancy.drawn_blocks((BRICK / MACROCELL) as usize));
         let absent = (0..self.places.len())
@@ -96,7 +102,7 @@ impl BrickAtlas {
         let mut absent: Vec<usize> = absent.collect();
         absent.sort_by_cached_key(distance);
         absent.truncate(free);
-        self.bring(gpu, &absent, &[]);
+        self.bring(gpu, &absent, &[])
     }
 
     /// The first voxel of a brick.
@@ -111,32 +117,41 @@ impl BrickAtlas {
 
     /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest,
     /// but for those that have to stay; as many as there is room for.
-    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) {
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`], naming brick and layer, when one cannot be read from its file.
+    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) -> Result<()> {
         let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
-        let room = self.slots.iter().filter(|slot| !is_staying(slot)).count();
-        let absent: Vec<usize> = bricks.iter().copied().filter(|&brick| self.places[brick][3] == 0).collect();
-        for brick in absent.into_iter().take(room) {
-            while is_staying(&self.slots[self.next]) {
-                self.next = (self.next + 1) % self.slots.len();
+        let slots = (0..self.slots.len()).map(|index| (self.next + index) % self.slots.len());
+        let slots = slots.filter(|&slot| !is_staying(&self.slots[slot]));
+        let absent = bricks.iter().copied().filter(|&brick| self.places[brick][3] == 0);
+        let mut brought: Vec<(usize, usize)> = absent.zip(slots).collect();
+        if let Some((_, last)) = brought.last() {
+            self.next = (last + 1) % self.slots.len();
+        }
+        // Neighbours together: they are made of the same bricks of a file.
+        brought.sort_by_cached_key(|(brick, _)| z_order(self.start(*brick).map(|voxel| voxel / BRICK)));
+        for brought in brought.chunks(MADE_AT_ONCE) {
+            let bricks: Vec<usize> = brought.iter().map(|(brick, _)| *brick).collect();
+            for (&(brick, slot), (texels, size)) in brought.iter().zip(self.texels(&bricks)?) {
+                if let Some(old) = self.slots[slot].replace(brick) {
+                    self.places[old] = [0; 4];
+                }
+                self.upload(gpu, (brick, slot), &texels, size);
             }
-            if let Some(old) = self.slots[self.next].replace(brick) {
-                self.places[old] = [0; 4];
-            }
-            self.upload(gpu, brick, self.next);
-            self.next = (self.next + 1) % self.slots.len();
         }
         write_box(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
         gpu.queue.submit([]);
+        Ok(())
     }
 
-    fn upload(&mut self, gpu: &Gpu, brick: usize, slot: usize) {
+    fn upload(&mut self, gpu: &Gpu, (brick, slot): (usize, usize), texels: &[[u16; 4]], dims: [u32; 3]) {
         let size = self.texture.size();
         let across = [size.width, size.height].map(|side| (side / SIDE) as usize);
         let origin = along_axes(slot, across).map(|slot| slot * SIDE);
         let [x, y, z] = origin;
         self.places[brick] = [x as u16, y as u16, z as u16, 1];
-        let (texels, dims) = self.texels(brick);
-        write_box(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), &texels);
+        write_box(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), texels);
         self.uploads += 1;
         if self.uploads.is_multiple_of(UPLOADS_AT_ONCE) {
             // Hands them over now instead of gathering all of them first.
@@ -144,21 +159,38 @@ impl BrickAtlas {
         }
     }
 
-    /// A brick's voxels, x fastest, and how many there are along each axis.
-    fn texels(&self, brick: usize) -> (Vec<[u16; 4]>, [u32; 3]) {
-        let dims = self.volume.description.texel_dims();
-        let start = self.start(brick);
-        let size: [u32; 3] = std::array::from_fn(|axis| SIDE.min(dims[axis] - start[axis]));
-        let [width, height, _] = dims.map(|dim| dim as usize);
-        let mut texels = Vec::with_capacity(size.iter().map(|&side| side as usize).product());
-        for z in start[2]..start[2] + size[2] {
-            for y in start[1]..start[1] + size[1] {
-                let first = (z as usize * height + y as usize) * width + start[0] as usize;
-                texels.extend_from_slice(&self.volume.texels[first..first + size[0] as usize]);
+    /// The texels of some bricks.
+    fn texels(&self, bricks: &[usize]) -> Result<Vec<TexelBox>> {
+        match &self.source {
+            TexelSource::Memory(volume) => Ok(bricks.iter().map(|&brick| texels(volume, self.start(brick))).collect()),
+            TexelSource::File(volume) => {
+                let starts: Vec<_> = bricks.iter().map(|&brick| self.start(brick)).collect();
+                volume.boxes(&starts, SIDE)
             }
         }
-        (texels, size)
     }
+}
+
+/// The texels of a brick that begins at a voxel.
+fn texels(volume: &VolumeTexels, start: [u32; 3]) -> TexelBox {
+    let dims = volume.description.texel_dims();
+    let size: [u32; 3] = std::array::from_fn(|axis| SIDE.min(dims[axis] - start[axis]));
+    let [width, height, _] = dims.map(|dim| dim as usize);
+    let mut texels = Vec::with_capacity(size.iter().map(|&side| side as usize).product());
+    for z in start[2]..start[2] + size[2] {
+        for y in start[1]..start[1] + size[1] {
+            let first = (z as usize * height + y as usize) * width + start[0] as usize;
+            texels.extend_from_slice(&volume.texels[first..first + size[0] as usize]);
+        }
+    }
+    (texels, size)
+}
+
+/// Where a place of a grid comes on the curve that goes through cubes of cubes.
+fn z_order(place: [u32; 3]) -> u64 {
+    // 21 bits are more than a texture has places.
+    let bits = (0..21).flat_map(|bit| (0..3).map(move |axis| (bit, axis)));
+    bits.fold(0, |order, (bit, axis)| order | u64::from(place[axis] >> bit & 1) << (3 * bit + axis as u32))
 }
 
 fn extent([width, height, depth_or_array_layers]: [u32; 3]) -> Extent3d {
@@ -185,6 +217,12 @@ fn slots_along(count: u64, limit: u32) -> [u32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn neighbours_are_near_in_z_order() {
+        let orders = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1], [2, 0, 0], [3, 5, 1]].map(z_order);
+        assert_eq!(orders, [0, 1, 2, 7, 8, 0b010_001_111]);
+    }
 
     #[test]
     fn slots_keep_within_count_and_limit() {

@@ -66,7 +66,7 @@ impl BrickMarch {
     /// Draws some rows of the target, and waits for them.
     ///
     /// # Errors
-    /// [`crate::Error::Device`] when the device is lost.
+    /// [`crate::Error::Device`] when the device is lost; as [`BrickAtlas::bring`].
     pub fn draw_rows(
         &mut self,
         gpu: &Gpu,
@@ -97,7 +97,7 @@ impl BrickMarch {
                 if !leader.follow(&waiting) {
                     break;
                 }
-                atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks);
+                atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks)?;
             }
             let [after, _] = &*strips;
             let attachments = [attachment(target.view(), LoadOp::Load)];

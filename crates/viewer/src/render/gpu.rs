@@ -18,6 +18,8 @@ pub struct Gpu {
     pub name: String,
     /// Whether it is a CPU that acts as a GPU, such as Mesa's lavapipe.
     pub is_cpu: bool,
+    /// Whether its memory is the machine's.
+    pub shares_memory: bool,
 }
 
 impl Gpu {
@@ -50,6 +52,7 @@ impl Gpu {
             queue,
             name: format!("{} ({})", info.name, info.backend),
             is_cpu: info.device_type == DeviceType::Cpu,
+            shares_memory: matches!(info.device_type, DeviceType::Cpu | DeviceType::IntegratedGpu),
         }
     }
 

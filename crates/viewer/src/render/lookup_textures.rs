@@ -1,5 +1,7 @@
 //! What the transfer function makes of a volume, on the GPU: the opacity table, and where something can be drawn.
 
+use std::sync::Arc;
+
 use wgpu::{
     Extent3d, TexelCopyBufferLayout, Texture, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
     TextureView, TextureViewDescriptor,
@@ -7,14 +9,15 @@ use wgpu::{
 
 use super::gpu::Gpu;
 use super::occlusion_texture::OcclusionTexture;
+use crate::Result;
 use crate::classify::emphasis_table::ROW;
 use crate::classify::opacity::{GRADIENT_BINS, VALUE_BINS};
 use crate::classify::preintegration::{LEVEL, LEVELS};
 use crate::classify::value_table::{PARTS, SIDE};
-use crate::classify::{LookupTables, Occupancy, PreintegrationTable};
+use crate::classify::{LookupTables, MacrocellRanges, MacrocellSamples, Occupancy, PreintegrationTable};
 use crate::frame::Frame;
 use crate::state::ViewState;
-use crate::volume::VolumeTexels;
+use crate::streaming::{PackedVolume, TexelSource};
 
 const TABLE_SIZE: Extent3d =
     Extent3d { width: VALUE_BINS as u32, height: GRADIENT_BINS as u32, depth_or_array_layers: 1 };
@@ -30,6 +33,8 @@ pub struct LookupTextures {
     front_to_back: Texture,
     occlusion: OcclusionTexture,
     tables: LookupTables,
+    /// Where the volume's texels are, if they are not in memory: what occlusion takes is gathered when it is asked for.
+    file: Option<Arc<PackedVolume>>,
     /// What the emphasis table holds.
     numbers: Vec<f32>,
 }
@@ -43,10 +48,16 @@ pub struct Changes {
 }
 
 impl LookupTextures {
-    /// Makes ready for a volume, which need not be there any more afterwards.
-    pub fn new(gpu: &Gpu, volume: &VolumeTexels) -> Self {
-        let mut tables = LookupTables::new(volume);
-        tables.gather_samples(volume);
+    /// Makes ready for a volume with these ranges, whose texels need not be in memory any more afterwards.
+    pub fn new(gpu: &Gpu, volume: &TexelSource, ranges: MacrocellRanges) -> Self {
+        let mut tables = LookupTables::new(volume.description(), ranges);
+        let file = match volume {
+            TexelSource::Memory(volume) => {
+                tables.set_samples(MacrocellSamples::new(volume));
+                None
+            }
+            TexelSource::File(volume) => Some(Arc::clone(volume)),
+        };
         let [width, height, depth_or_array_layers] = tables.macrocells().map(|dim| dim as u32);
         let size = Extent3d { width, height, depth_or_array_layers };
         Self {
@@ -60,12 +71,20 @@ impl LookupTextures {
             front_to_back: value_texture(gpu, "front to back", [SIDE; 2]),
             occlusion: OcclusionTexture::new(gpu),
             tables,
+            file,
             numbers: Vec::new(),
         }
     }
 
     /// Brings the textures up to date; returns the numbers of the state's picture of `image_size` pixels, too.
-    pub fn update(&mut self, gpu: &Gpu, state: &ViewState, image_size: [u32; 2]) -> (Frame, Changes) {
+    ///
+    /// # Errors
+    /// As [`MacrocellSamples::of_packed`].
+    pub fn update(&mut self, gpu: &Gpu, state: &ViewState, image_size: [u32; 2]) -> Result<(Frame, Changes)> {
+        let needs_samples = state.render_settings.shading.occlusion > 0.0 && !self.tables.has_samples();
+        if let (true, Some(file)) = (needs_samples, &self.file) {
+            self.tables.set_samples(MacrocellSamples::of_packed(file)?);
+        }
         let (frame, changes) = self.tables.update(state, image_size);
         let emphases = self.tables.emphases();
         let rows = emphases.rows() as u32;
@@ -98,7 +117,7 @@ impl LookupTextures {
             }
         }
         let is_lit_otherwise = changes.occlusion && self.occlusion.update(gpu, self.tables.occlusion());
-        (frame, Changes { textures: is_other || is_lit_otherwise, occupancy: changes.occupancy })
+        Ok((frame, Changes { textures: is_other || is_lit_otherwise, occupancy: changes.occupancy }))
     }
 
     /// Where something can be drawn; `None` where rays do not leap.

@@ -17,9 +17,11 @@ use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, too_large};
 use crate::Result;
+use crate::classify::MacrocellRanges;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, ViewState};
-use crate::volume::{VolumeDescription, VolumeTexels};
+use crate::streaming::TexelSource;
+use crate::volume::VolumeDescription;
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
@@ -54,16 +56,18 @@ impl Passes {
 
 impl Renderer {
     /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes,
-    /// or than the device has, stays where it is, and bricks of it are uploaded when they are to be seen; others are no
-    /// longer needed afterwards.
+    /// or than the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
+    /// to be seen; others are no longer needed afterwards.
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the
-    /// device refuses the shaders.
-    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
+    /// device refuses the shaders; as [`MacrocellRanges::of`].
+    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, budget: Option<u64>) -> Result<Self> {
+        let volume = &volume.into();
         let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
+        let ranges = MacrocellRanges::of(volume)?;
         gpu.checked("preparing to draw", || {
-            let lookup_textures = LookupTextures::new(gpu, volume);
+            let lookup_textures = LookupTextures::new(gpu, volume, ranges);
             let bindings = Bindings::new(gpu);
             let passes = match volume_textures {
                 VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
@@ -72,7 +76,7 @@ impl Renderer {
             let geometry = Geometry::new(gpu, bindings.uniforms());
             let (opaque, bound_geometry) = geometry.views(&ViewState::default(), [1, 1]);
             let bind_group = bindings.bind(gpu, passes.views(), &lookup_textures, opaque);
-            let volume = volume.description.clone();
+            let volume = volume.description().clone();
             let (gpu, slice_blending) = (gpu.clone(), None);
             Self {
                 gpu,
@@ -138,7 +142,8 @@ impl Renderer {
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses what slices need or is lost while bricks are brought to it,
-    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick.
+    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick, [`crate::Error::Pack`] when a
+    /// brick of a file is damaged, [`crate::Error::TooMuchMemory`] when memory does not suffice for its occlusion.
     ///
     /// # Panics
     /// When `rows` reach beyond the target.
@@ -146,7 +151,7 @@ impl Renderer {
         let [_, height] = target.size();
         assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let gpu = &self.gpu;
-        let (frame, changes) = self.lookup_textures.update(gpu, state, target.size());
+        let (frame, changes) = self.lookup_textures.update(gpu, state, target.size())?;
         let (opaque, geometry) = self.geometry.views(state, target.size());
         if changes.textures || geometry != self.bound_geometry {
             self.bind_group = self.bindings.bind(gpu, self.passes.views(), &self.lookup_textures, opaque);
@@ -182,7 +187,7 @@ impl Renderer {
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;
                 if changes.occupancy {
-                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame);
+                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame)?;
                 }
                 march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, rows)
             }

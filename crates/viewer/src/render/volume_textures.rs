@@ -1,8 +1,6 @@
 //! A volume on the GPU, four 16-bit integers a voxel: one 3D texture, or some of its bricks where it is too large for
 //! that.
 
-use std::sync::Arc;
-
 use wgpu::{
     Extent3d, Origin3d, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect, TextureDimension,
     TextureFormat, TextureView, TextureViewDescriptor,
@@ -12,6 +10,7 @@ use super::brick_atlas::BrickAtlas;
 use super::gpu::Gpu;
 use super::lookup_textures::texture;
 use crate::classify::macrocells::MACROCELL;
+use crate::streaming::TexelSource;
 use crate::volume::VolumeTexels;
 use crate::{Error, Result};
 
@@ -32,34 +31,44 @@ pub enum VolumeTextures {
 }
 
 impl VolumeTextures {
-    /// Uploads a volume that takes `budget` bytes at most, or, where it takes more or the device has less, makes room
-    /// for bricks of it.
+    /// Uploads a volume that takes `budget` bytes at most, or, where it takes more, the device has less or it is not in
+    /// memory, makes room for bricks of it.
     ///
     /// # Errors
     /// [`Error::VolumeTooLarge`] when not even a small part of it fits.
-    pub fn new(gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
-        let dims = volume.description.texel_dims();
+    pub fn new(gpu: &Gpu, source: &TexelSource, budget: Option<u64>) -> Result<Self> {
+        let dims = source.description().texel_dims();
         let limit = gpu.device.limits().max_texture_dimension_3d;
         let longest = u64::from(limit) * u64::from(MACROCELL);
         if dims.iter().any(|&dim| u64::from(dim) > longest) {
             return Err(too_large(gpu, format!("{dims:?} voxels, where {longest} along each axis can be drawn")));
         }
-        let bytes = (volume.texels.len() * BYTES_PER_TEXEL) as u64;
+        let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;
         let is_short = dims.iter().all(|&dim| dim <= limit);
-        if is_short && budget.is_none_or(|budget| bytes <= budget) {
-            match Self::whole(gpu, volume) {
-                Err(_) if budget.is_none() => {}
-                whole => return whole,
+        let mut room = match source {
+            TexelSource::Memory(volume) => {
+                if is_short && budget.is_none_or(|budget| bytes <= budget) {
+                    match Self::whole(gpu, volume) {
+                        Err(_) if budget.is_none() => {}
+                        whole => return whole,
+                    }
+                }
+                budget.unwrap_or(if is_short { bytes / LESS } else { bytes })
             }
-        }
-        let mut room = budget.unwrap_or(if is_short { bytes / LESS } else { bytes });
+            TexelSource::File(volume) => match budget {
+                Some(budget) => budget,
+                None if gpu.shares_memory => volume.claim_for_device()?,
+                // With the voxels that are in two bricks.
+                None => bytes.saturating_mul(LESS),
+            },
+        };
         for _ in 1..TRIES {
-            if let Ok(bricks) = BrickAtlas::new(gpu, volume, room) {
+            if let Ok(bricks) = BrickAtlas::new(gpu, source, room) {
                 return Ok(Self::Bricks(bricks));
             }
             room /= LESS;
         }
-        BrickAtlas::new(gpu, volume, room).map(Self::Bricks)
+        BrickAtlas::new(gpu, source, room).map(Self::Bricks)
     }
 
     fn whole(gpu: &Gpu, volume: &VolumeTexels) -> Result<Self> {

@@ -8,6 +8,7 @@
 //! Source: S. Gibson, Constrained elastic surface nets, 1998, without the relaxation that moves vertices off the
 //! surface.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{IVec3, Vec3};
@@ -47,34 +48,72 @@ impl Layer {
     }
 }
 
+/// A surface as far as it was found, slice by slice of voxels.
+pub struct SurfaceNet {
+    level: f32,
+    color: [f32; 3],
+    most: usize,
+    /// Layer 0 lies below the first voxels.
+    layers: Vec<Layer>,
+    /// How many vertices lie before each layer, and in all.
+    offsets: Vec<u32>,
+    quads: Vec<[u32; 4]>,
+}
+
+impl SurfaceNet {
+    /// Nothing of a surface between values below `level` and all others, in one colour and of at most `most` triangles.
+    #[must_use]
+    pub fn new(level: f32, color: [f32; 3], most: usize) -> Self {
+        Self { level, color, most, layers: Vec::new(), offsets: vec![0], quads: Vec::new() }
+    }
+
+    /// The slices whose values [`Self::extend`] asks for, of `depth` in all.
+    #[must_use]
+    pub fn needed(slices: &Range<usize>, depth: usize) -> Range<usize> {
+        slices.start.saturating_sub(1)..(slices.end + 2).min(depth)
+    }
+
+    /// Goes on through the next slices of voxels, which begin where the last ones ended; `None` where the surface has too
+    /// many triangles.
+    pub fn extend<F: Fn(usize) -> f32 + Sync>(&mut self, field: &ScalarField<F>, slices: Range<usize>) -> Option<()> {
+        let most = self.most / 2;
+        let found = AtomicUsize::new(self.offsets[self.offsets.len() - 1] as usize);
+        let layers = (self.layers.len()..slices.end + 1).into_par_iter().map(|layer| {
+            let room = most.saturating_sub(found.load(Ordering::Relaxed));
+            let layer = field.layer(layer as i32 - 1, self.level, self.color, room)?;
+            let all = found.fetch_add(layer.vertices.len(), Ordering::Relaxed) + layer.vertices.len();
+            (all <= most).then_some(layer)
+        });
+        for layer in layers.collect::<Option<Vec<Layer>>>()? {
+            self.offsets.push(self.offsets[self.offsets.len() - 1] + layer.vertices.len() as u32);
+            self.layers.push(layer);
+        }
+        let (layers, offsets, level) = (&self.layers, &self.offsets, self.level);
+        let quads = slices.into_par_iter().flat_map_iter(|z| {
+            let number = |[x, y, z]: [usize; 3]| offsets[z] + layers[z].number(x as u32, y) as u32;
+            field.crossed_edges(z, level).into_iter().map(move |around| around.map(number)).collect::<Vec<_>>()
+        });
+        self.quads.par_extend(quads);
+        Some(())
+    }
+
+    /// The surface that was found; `None` where it has too many triangles.
+    #[must_use]
+    pub fn finish(self) -> Option<Triangles> {
+        let vertices: Vec<Vertex> = self.layers.into_iter().flat_map(|layer| layer.vertices).collect();
+        let indices: Vec<[u32; 3]> = self.quads.into_par_iter().flat_map_iter(|quad| split(quad, &vertices)).collect();
+        (indices.len() <= self.most).then_some(Triangles { vertices, indices })
+    }
+}
+
 impl<F: Fn(usize) -> f32 + Sync> ScalarField<F> {
     /// The surface between values below `level` and all others, in one colour; `None` where it would have more than
     /// `most` triangles.
     #[must_use]
     pub fn surface(&self, level: f32, color: [f32; 3], most: usize) -> Option<Triangles> {
-        let [_, _, depth] = self.dims;
-        let room = most / 2;
-        let found = AtomicUsize::new(0);
-        // Layer 0 lies below the first voxels.
-        let layers = (0..=depth as usize).into_par_iter().map(|layer| {
-            let layer =
-                self.layer(layer as i32 - 1, level, color, room.saturating_sub(found.load(Ordering::Relaxed)))?;
-            let all = found.fetch_add(layer.vertices.len(), Ordering::Relaxed) + layer.vertices.len();
-            (all <= room).then_some(layer)
-        });
-        let layers = layers.collect::<Option<Vec<Layer>>>()?;
-        let mut offsets = vec![0];
-        for layer in &layers {
-            offsets.push(offsets[offsets.len() - 1] + layer.vertices.len() as u32);
-        }
-        let quads = (0..depth as usize).into_par_iter().flat_map_iter(|z| {
-            let number = |[x, y, z]: [usize; 3]| offsets[z] + layers[z].number(x as u32, y) as u32;
-            self.crossed_edges(z, level).into_iter().map(move |around| around.map(number)).collect::<Vec<_>>()
-        });
-        let quads: Vec<[u32; 4]> = quads.collect();
-        let vertices: Vec<Vertex> = layers.into_iter().flat_map(|layer| layer.vertices).collect();
-        let indices: Vec<[u32; 3]> = quads.into_par_iter().flat_map_iter(|quad| split(quad, &vertices)).collect();
-        (indices.len() <= most).then_some(Triangles { vertices, indices })
+        let mut net = SurfaceNet::new(level, color, most);
+        net.extend(self, 0..self.dims[2] as usize)?;
+        net.finish()
     }
 
     /// The value of a voxel; outside, of the nearest one.

@@ -117,7 +117,7 @@ impl Overlay {
 /// Draws a bar over a picture, in its lower right corner; a picture without room for it stays as it is.
 ///
 /// # Errors
-/// [`crate::Error::Label`] when its label cannot be drawn.
+/// [`crate::Error::Preprocess`] when its label cannot be drawn.
 pub fn draw_over_picture(bar: &ScaleBar, picture: &mut Picture, background: Vec3) -> Result<()> {
     let Some(overlay) = Overlay::new(bar, [picture.width, picture.height], background)? else { return Ok(()) };
     for (place, stays, added) in overlay.pixels(picture.width) {

@@ -5,22 +5,38 @@ use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::thread;
 
 use voxrole_pack::Reader;
+use voxrole_preprocess::byte_size::byte_size_text;
 
 use crate::Result;
+use crate::streaming::memory_bound::level_bytes;
 use crate::volume::VolumeTexels;
 
 /// Levels on their way.
 #[derive(Default)]
-pub struct FinerLevels(Option<Receiver<Result<VolumeTexels>>>);
+pub struct FinerLevels {
+    levels: Option<Receiver<Result<VolumeTexels>>>,
+    too_large: Option<String>,
+}
 
 impl FinerLevels {
-    /// Reads every level that is finer than `shown`, the coarsest first, on a thread of its own; `context` is woken for each.
+    /// Reads every level that is finer than `shown` and takes at most `memory` bytes, the coarsest first, on a thread of its
+    /// own; `context` is woken for each.
     #[must_use]
-    pub fn read(reader: Arc<Reader>, shown: usize, context: egui::Context) -> Self {
+    pub fn read(reader: &Arc<Reader>, shown: usize, memory: u64, context: egui::Context) -> Self {
+        let reader = Arc::clone(reader);
+        let bytes = |level| level_bytes(&reader, level).unwrap_or(u64::MAX);
+        let finest = (0..shown).find(|&level| bytes(level) <= memory).unwrap_or(shown);
+        let too_large = finest.checked_sub(1).map(|level| {
+            format!(
+                "level {level} takes {} of memory, of which {} may be taken",
+                byte_size_text(bytes(level)),
+                byte_size_text(memory)
+            )
+        });
         // One level waits while the next is read: no more of them are in memory.
         let (sender, receiver) = sync_channel(0);
         thread::spawn(move || {
-            for level in (0..shown).rev() {
+            for level in (finest..shown).rev() {
                 let texels = VolumeTexels::read_level(&reader, level);
                 let failed = texels.is_err();
                 context.request_repaint();
@@ -29,16 +45,22 @@ impl FinerLevels {
                 }
             }
         });
-        Self(Some(receiver))
+        Self { levels: Some(receiver), too_large }
+    }
+
+    /// Why the finest level will not be shown, where memory does not suffice.
+    #[must_use]
+    pub fn too_large(&self) -> Option<&str> {
+        self.too_large.as_deref()
     }
 
     /// The next level, if it is there by now.
     pub fn take(&mut self) -> Option<Result<VolumeTexels>> {
-        match self.0.as_ref()?.try_recv() {
+        match self.levels.as_ref()?.try_recv() {
             Ok(texels) => Some(texels),
             Err(TryRecvError::Empty) => None,
             Err(TryRecvError::Disconnected) => {
-                self.0 = None;
+                self.levels = None;
                 None
             }
         }
@@ -47,6 +69,33 @@ impl FinerLevels {
     /// Whether more may come.
     #[must_use]
     pub fn is_reading(&self) -> bool {
-        self.0.is_some()
+        self.levels.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn levels_that_take_too_much_memory_are_not_read() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pack/tests/data/v1_ball.vxr");
+        let read = |memory| {
+            let reader = Arc::new(Reader::open(&path).expect("opens"));
+            let shown = reader.levels() - 1;
+            let mut finer = FinerLevels::read(&reader, shown, memory, egui::Context::default());
+            let mut levels = Vec::new();
+            while finer.is_reading() {
+                levels.extend(finer.take().map(|texels| texels.expect("reads").description.level));
+            }
+            (shown, levels, finer.too_large().map(str::to_owned))
+        };
+        let (shown, levels, too_large) = read(u64::MAX);
+        assert_eq!((levels, too_large), ((0..shown).rev().collect(), None));
+        let (shown, levels, too_large) = read(1000);
+        assert!(shown > 0 && levels == (1..shown).rev().collect::<Vec<_>>());
+        assert_eq!(too_large.as_deref(), Some("level 0 takes 5.3 KiB of memory, of which 1000 bytes may be taken"));
     }
 }

@@ -159,9 +159,10 @@ fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
             return;
         };
         let what = if detail == Detail::FULL { "full picture" } else { "draft" };
-        let level = match window.preview.level() {
-            0 => String::new(),
-            level => format!("level {level} of the volume, "),
+        let level = match (window.preview.level(), window.finer.too_large()) {
+            (0, _) => String::new(),
+            (level, Some(why)) => format!("level {level} of the volume: {why}; "),
+            (level, None) => format!("level {level} of the volume, "),
         };
         let mut text = format!("{level}{width} × {height} pixels, {what} in {:.0} ms", seconds * 1e3);
         if let Some(share) = window.preview.refining() {

@@ -15,5 +15,6 @@ mod sampling_rule;
 mod scene;
 mod shells;
 mod skipping;
+mod streaming;
 mod techniques;
 mod usage;

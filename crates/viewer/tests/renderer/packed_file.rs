@@ -21,7 +21,7 @@ use voxrole_viewer::{ViewState, VolumeTexels, headless};
 use crate::phantom::{Phantom, Role, SHELLS, orthographic};
 
 /// A folder of its own for each test, emptied first.
-fn folder(test: &str) -> PathBuf {
+pub fn folder(test: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).expect("a folder");
@@ -36,7 +36,7 @@ fn small_shells() -> Phantom {
 }
 
 /// Writes a phantom as `voxrole prepare` would; values as f32.
-fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
+pub fn write(phantom: &Phantom, path: &Path) -> voxrole_pack::Result<u64> {
     let [width, height, depth] = phantom.geometry.dims_usize();
     let roles: Vec<_> = (0..width * height * depth)
         .map(|voxel| {
@@ -102,7 +102,7 @@ fn hit_histogram(phantom: &Phantom, roles: &[Role]) -> Histogram {
     Histogram { shape: HistogramShape { kind: HistogramKind::HitValueHitGradient, axes }, counts }
 }
 
-fn render(file: &Path, output: &Path, options: &[&str]) -> anyhow::Result<()> {
+pub fn render(file: &Path, output: &Path, options: &[&str]) -> anyhow::Result<()> {
     let (file, output) = (file.to_str().expect("UTF-8"), output.to_str().expect("UTF-8"));
     let arguments = ["voxrole-view", "render", file, "-o", output, "--size", "48x48"];
     let cli = Cli::try_parse_from(arguments.iter().chain(options)).expect("arguments are understood");
