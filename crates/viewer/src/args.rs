@@ -172,6 +172,9 @@ pub struct ViewArgs {
     /// towards the viewer, in radii of the volume, 0 where none is given. Up to four times.
     #[arg(long = "clip", value_name = "AZIMUTH,ELEVATION[,OFFSET]", allow_hyphen_values = true)]
     pub planes: Vec<ClipPlane>,
+    /// Leave out the planes that a session cuts with.
+    #[arg(long, conflicts_with = "planes", requires = "session")]
+    pub no_clip: bool,
     /// Level of detail to draw: 0 is the volume itself, each further one has every second voxel of the one before.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,
@@ -306,6 +309,22 @@ mod tests {
         assert_eq!(render.view.camera.expect("a camera").azimuth, -30.0);
         assert_eq!(render.view.regions.len(), 2);
         assert_eq!(render.view.regions[0].value, [-1000.0, 200.0]);
+    }
+
+    #[test]
+    fn a_session_s_planes_can_be_left_out() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("cut.toml");
+        std::fs::write(&path, "[clipping]\nplanes = [\"30,0,0.1\"]\n").expect("writes");
+        let session = path.to_str().expect("Unicode");
+        let planes = |options: &[&str]| {
+            let arguments = render(&[&["--session", session], options].concat()).expect("is understood");
+            crate::headless::typed_state(&arguments.view).expect("a session").clipping.planes.len()
+        };
+        assert_eq!([planes(&[]), planes(&["--no-clip"])], [1, 0]);
+        assert!(
+            render(&["--no-clip"]).is_err() && render(&["--session", session, "--no-clip", "--clip", "1,2"]).is_err()
+        );
     }
 
     #[test]

@@ -61,8 +61,8 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     let table = output.join("render.csv");
     atomic_file::check_output(&table, &[file]).with_context(in_folder)?;
     let rows = measure(volume, &state)?;
-    write(&table, csv(&rows).as_bytes())?;
     let source = file.file_name().unwrap_or_default().to_string_lossy();
+    write(&table, csv(&source, &rows).as_bytes())?;
     let [width, height] = state.render_settings.image_size;
     let subtitle = format!("{source}, {width} × {height} pixels, against post-classified samples at 1/64 of a voxel");
     for (name, chart) in [("render-step", by_step(&rows, &subtitle)), ("render-time", by_time(&rows, &subtitle))] {
@@ -133,14 +133,17 @@ fn name(integration: Integration) -> &'static str {
     }
 }
 
-fn csv(rows: &[Row]) -> String {
+fn csv(volume: &str, rows: &[Row]) -> String {
     let mut text =
-        String::from("technique,integration,step,rmse_of_255,largest_of_255,seconds,samples,samples_along_all_rays\n");
+        String::from("volume,technique,integration,step,rmse_of_255,largest_of_255,seconds,samples,all_samples\n");
+    // A name may have anything in it.
+    let volume = volume.replace('"', "\"\"");
     for Row { technique, integration, step, error, largest, seconds, samples } in rows {
         let SampleCounts { taken, all } = samples;
         let (technique, name) = (technique.name(), name(*integration));
         // Writing to a string does not fail.
-        let _ = writeln!(text, "{technique},{name},{step},{error:.6},{largest},{seconds:.4},{taken},{all}");
+        let _ =
+            writeln!(text, "\"{volume}\",{technique},{name},{step},{error:.6},{largest},{seconds:.4},{taken},{all}");
     }
     text
 }

@@ -274,7 +274,7 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     set(&mut clipping.crop, &arguments.crop);
     set(&mut render_settings.image_size, &arguments.size);
     set(&mut render_settings.background, &arguments.background);
-    if !arguments.planes.is_empty() {
+    if arguments.no_clip || !arguments.planes.is_empty() {
         clipping.planes.clone_from(&arguments.planes);
     }
     if !arguments.regions.is_empty() {

@@ -13,6 +13,7 @@ fn main() -> ExitCode {
     // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
     let _ = ctrlc::set_handler(|| {
         voxrole_pack::atomic_file::remove_unfinished();
+        tell("voxrole-view: interrupted; what was not finished is not written");
         std::process::exit(130);
     });
     let cli = Cli::parse();
