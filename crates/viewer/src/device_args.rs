@@ -13,8 +13,8 @@ pub struct DeviceArgs {
     /// Draw on the CPU even where there is a GPU.
     #[arg(long, conflicts_with_all = ["gpu_memory", "gpu"])]
     pub cpu: bool,
-    /// Draw with the GPU's shaders even where they run on the CPU, as on Mesa's lavapipe: there the CPU's own ray marcher
-    /// is faster, and draws otherwise.
+    /// Draw with the GPU's shaders even where they run on the CPU, as with Mesa's lavapipe. Without this the CPU's own ray
+    /// marcher draws there, which is several times faster.
     #[arg(long)]
     pub gpu: bool,
 }

@@ -569,11 +569,11 @@ fn a_window_goes_on_as_it_was_when_its_device_is_lost() {
         let window = kept.open(&again, &texels, device).expect("fits the device");
         let mut after = harness(again, window);
         assert_eq!((&after.state().view, after.state().histogram.selected), (&view, Some(0)));
-        let picture = rect_of(&after, PICTURE);
-        let middle = Rect::from_center_size(picture.center().round(), Vec2::splat(160.0));
         let shown_again = after.render().expect("a picture of the window");
-        let crop =
-            |shown| image::imageops::crop_imm(shown, middle.left() as u32, middle.top() as u32, 160, 160).to_image();
-        assert!(crop(&shown) == crop(&shown_again), "the same picture");
+        for label in [PICTURE, HISTOGRAM] {
+            let corner = (rect_of(&after, label).center() - Vec2::splat(80.0)).round();
+            let crop = |shown| image::imageops::crop_imm(shown, corner.x as u32, corner.y as u32, 160, 160).to_image();
+            assert!(crop(&shown) == crop(&shown_again), "{label}: the same as before");
+        }
     }
 }

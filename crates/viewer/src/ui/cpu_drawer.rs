@@ -18,7 +18,7 @@ use crate::volume::VolumeTexels;
 use crate::{Error, Picture, Result};
 
 /// How often the window says how far a finer picture is: painting it takes time from that.
-const REPORT: Duration = Duration::from_millis(500);
+const REPORT: Duration = Duration::from_secs(2);
 
 /// The thread, and what it draws.
 pub struct CpuDrawer {

@@ -66,6 +66,12 @@ impl HistogramPanel {
         Self { view: HistogramView::Voxel, selected: None, brush, maps, x, y, textures: [None, None], drag: None }
     }
 
+    /// The same for another window: textures are of the one that has shown them.
+    #[must_use]
+    pub fn without_textures(self) -> Self {
+        Self { maps: PaintedMaps::default(), textures: [None, None], drag: None, ..self }
+    }
+
     /// The values and gradient magnitudes that the plot spans.
     #[must_use]
     pub fn span(&self) -> [[f64; 2]; 2] {

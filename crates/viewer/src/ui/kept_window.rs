@@ -56,6 +56,7 @@ impl KeptWindow {
     #[must_use]
     pub fn of(window: ViewerWindow) -> Self {
         let ViewerWindow { view, volume, preview, histogram, save, finer, .. } = window;
+        let histogram = histogram.without_textures();
         Self { view, volume, histogram, save, finer, texels: preview.into_volume() }
     }
 
