@@ -113,6 +113,8 @@ impl PackedVolume {
             );
         }
         kept.claims.insert(name, bytes);
+        let room = kept.room(self.memory);
+        kept.cache.shrink(room);
         Ok(())
     }
 
