@@ -147,7 +147,7 @@ fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target:
         renderer.draw_rows(state, target, row..end)?;
         let waited = gpu.device.poll(PollType::wait_indefinitely());
         waited.map_err(|error| gpu.error("drawing the picture", &error))?;
-        let seconds = start.elapsed().as_secs_f64();
+        let seconds = renderer.longest_pass().unwrap_or_else(|| start.elapsed().as_secs_f64());
         if seconds > MOST_SECONDS {
             rows = (rows / 4).max(1);
         } else if seconds < 0.25 * MOST_SECONDS {
