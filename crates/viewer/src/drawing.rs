@@ -20,6 +20,8 @@ use crate::{Error, LightPicture, Picture, Result};
 
 /// Rows that are drawn first; then as many as can be drawn in the time below.
 const FIRST_ROWS: u32 = 8;
+/// Rows that are drawn at least where the device is a CPU and bricks come as needed.
+const ROWS_OF_BRICKS: u32 = 64;
 /// How long the device should work at a time, in seconds: drivers give up after two.
 const MOST_SECONDS: f64 = 0.25;
 
@@ -141,16 +143,18 @@ impl<'a> Drawing<'a> {
 /// Draws a few rows after another, so that no work of the device's takes so long that its driver gives it up.
 fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target: &Target) -> Result<()> {
     let [_, height] = target.size();
-    let (mut row, mut rows) = (0, FIRST_ROWS);
+    // No driver gives up a CPU, and passes that end where bricks are missing are many where rows are few.
+    let least = if gpu.is_cpu && renderer.longest_pass().is_some() { ROWS_OF_BRICKS } else { 1 };
+    let (mut row, mut rows) = (0, FIRST_ROWS.max(least));
     while row < height {
         let start = Instant::now();
         let end = height.min(row + rows);
         renderer.draw_rows(state, target, row..end)?;
         let waited = gpu.device.poll(PollType::wait_indefinitely());
         waited.map_err(|error| gpu.error("drawing the picture", &error))?;
-        let seconds = start.elapsed().as_secs_f64();
+        let seconds = renderer.longest_pass().unwrap_or_else(|| start.elapsed().as_secs_f64());
         if seconds > MOST_SECONDS {
-            rows = (rows / 4).max(1);
+            rows = (rows / 4).max(least);
         } else if seconds < 0.25 * MOST_SECONDS {
             rows = rows.saturating_mul(2);
         }

@@ -72,6 +72,10 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
             let saved = 100.0 * samples.saved();
             tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
         }
+        if let TexelSource::File(packed) = &volume {
+            let (unpacked, all) = (packed.bricks_unpacked(), packed.grid().len());
+            tell(format!("voxrole-view: {unpacked} bricks unpacked for rays, of {all} in the file"));
+        }
     }
     let rgba = &drawn.picture.rgba;
     if rgba.chunks_exact(4).all(|pixel| pixel == &rgba[..4]) {

@@ -2,7 +2,7 @@
 //! them lies.
 
 use glam::Vec3;
-use wgpu::{Extent3d, Origin3d, Texture, TextureView, TextureViewDescriptor};
+use wgpu::{Extent3d, Origin3d, PollType, Texture, TextureView, TextureViewDescriptor};
 
 use super::gpu::Gpu;
 use super::volume_textures::{BYTES_PER_TEXEL, UPLOAD_BYTES, too_large, volume_texture, write_box};
@@ -119,7 +119,8 @@ impl BrickAtlas {
     /// but for those that have to stay; as many as there is room for.
     ///
     /// # Errors
-    /// [`crate::Error::Pack`], naming brick and layer, when one cannot be read from its file.
+    /// [`crate::Error::Pack`], naming brick and layer, when one cannot be read from its file, [`crate::Error::Device`] when
+    /// the device is lost.
     pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) -> Result<()> {
         let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
         let slots = (0..self.slots.len()).map(|index| (self.next + index) % self.slots.len());
@@ -137,7 +138,7 @@ impl BrickAtlas {
                 if let Some(old) = self.slots[slot].replace(brick) {
                     self.places[old] = [0; 4];
                 }
-                self.upload(gpu, (brick, slot), &texels, size);
+                self.upload(gpu, (brick, slot), &texels, size)?;
             }
         }
         write_box(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
@@ -145,7 +146,7 @@ impl BrickAtlas {
         Ok(())
     }
 
-    fn upload(&mut self, gpu: &Gpu, (brick, slot): (usize, usize), texels: &[[u16; 4]], dims: [u32; 3]) {
+    fn upload(&mut self, gpu: &Gpu, (brick, slot): (usize, usize), texels: &[[u16; 4]], dims: [u32; 3]) -> Result<()> {
         let size = self.texture.size();
         let across = [size.width, size.height].map(|side| (side / SIDE) as usize);
         let origin = along_axes(slot, across).map(|slot| slot * SIDE);
@@ -154,9 +155,12 @@ impl BrickAtlas {
         write_box(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), texels);
         self.uploads += 1;
         if self.uploads.is_multiple_of(UPLOADS_AT_ONCE) {
-            // Hands them over now instead of gathering all of them first.
+            // Hands them over now instead of gathering all of them first, and waits until their memory is free again.
             gpu.queue.submit([]);
+            let waited = gpu.device.poll(PollType::wait_indefinitely());
+            waited.map_err(|error| gpu.error("uploading bricks", &error))?;
         }
+        Ok(())
     }
 
     /// The texels of some bricks.

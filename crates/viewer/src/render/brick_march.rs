@@ -9,6 +9,7 @@
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::ops::Range;
+use std::time::Instant;
 
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindingResource, Color,
@@ -37,6 +38,7 @@ pub struct BrickMarch {
     layout: BindGroupLayout,
     /// Each pass reads what the one before wrote.
     strips: Option<[Strip; 2]>,
+    longest: f64,
 }
 
 /// How far rays have come.
@@ -60,7 +62,12 @@ impl BrickMarch {
             bindings.pipeline(gpu, &Pass { has_bricks: true, own: Some(&layout), ..Pass::new(entry_point, formats) })
         };
         let (resume, finish) = (pipeline("fragment_resume", &FORMATS), pipeline("fragment_finish", &[Target::FORMAT]));
-        Self { resume, finish, layout, strips: None }
+        Self { resume, finish, layout, strips: None, longest: 0.0 }
+    }
+
+    /// Seconds of the longest pass over the rows that were drawn last, for which the device worked without a break.
+    pub fn longest(&self) -> f64 {
+        self.longest
     }
 
     /// Draws some rows of the target, and waits for them.
@@ -82,18 +89,21 @@ impl BrickMarch {
             Some(strips) => strips,
             None => gpu.checked("making room for rays", || [0; 2].map(|_| Strip::new(gpu, &self.layout, width)))?,
         });
+        self.longest = 0.0;
         for first in rows.clone().step_by(STRIP as usize) {
             let strip = first..(first + STRIP).min(rows.end);
             bindings.set_uniforms(gpu, &uniforms.at_row(first));
             begin(gpu, &strips[0]);
             let mut leader = Leader::default();
             loop {
+                let start = Instant::now();
                 strips.swap(0, 1);
                 let [after, before] = &*strips;
                 let attachments = [0, 1].map(|index: usize| attachment(&after.views[index], LoadOp::Load));
                 let groups = [bind_group, &before.bind_group];
                 draw_rows(gpu, &self.resume, &groups, &attachments, (width, 0..strip.len() as u32));
                 let waiting = after.waiting(gpu, strip.len() as u32)?;
+                self.longest = self.longest.max(start.elapsed().as_secs_f64());
                 if !leader.follow(&waiting) {
                     break;
                 }

@@ -128,6 +128,16 @@ impl Renderer {
         }
     }
 
+    /// Seconds for which the device worked without a break on the rows that were drawn last, where it gives back how far
+    /// it came in between because bricks are brought to it.
+    #[must_use]
+    pub fn longest_pass(&self) -> Option<f64> {
+        match &self.passes {
+            Passes::Whole(..) => None,
+            Passes::Bricks(bricks) => Some(bricks.1.longest()),
+        }
+    }
+
     /// Draws the volume over the whole target. Returns before the device has finished.
     ///
     /// # Errors

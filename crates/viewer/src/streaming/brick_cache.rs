@@ -32,6 +32,11 @@ impl BrickCache {
         self.bytes += texels.bytes();
         self.by_age.insert(self.clock, brick);
         self.bricks.insert(brick, (texels, self.clock));
+        self.shrink(room);
+    }
+
+    /// Keeps only what `room` bytes hold.
+    pub fn shrink(&mut self, room: u64) {
         while self.bytes > room {
             let Some((_, oldest)) = self.by_age.pop_first() else { break };
             self.bytes -= self.bricks.remove(&oldest).map_or(0, |(texels, _)| texels.bytes());
@@ -54,9 +59,8 @@ mod tests {
         let there =
             |cache: &BrickCache| -> Vec<usize> { (0..5).filter(|number| cache.bricks.contains_key(number)).collect() };
         assert_eq!((there(&cache), cache.bytes), (vec![0, 2, 3], room));
-        // Less room, as when others take some of it.
-        cache.insert(4, Arc::clone(&brick), room / 3);
-        assert_eq!((there(&cache), cache.by_age.len()), (vec![4], 1));
+        cache.shrink(room / 3);
+        assert_eq!((there(&cache), cache.by_age.len()), (vec![3], 1));
         cache.insert(5, brick, 0);
         assert!(there(&cache).is_empty() && cache.bytes == 0);
     }

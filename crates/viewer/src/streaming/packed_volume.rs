@@ -108,11 +108,14 @@ impl PackedVolume {
         let others: u64 = kept.claims.iter().filter(|(of, _)| **of != name).map(|(_, bytes)| bytes).sum();
         let all = others.saturating_add(bytes);
         if all > self.memory - self.memory / 4 {
+            let [bytes, others] = [bytes, others].map(byte_size_text);
             return Err(
-                self.too_large(format!("{name} takes {} even where bricks come as needed", byte_size_text(all)))
+                self.too_large(format!("{name} takes {bytes} even where bricks come as needed, beside {others}"))
             );
         }
         kept.claims.insert(name, bytes);
+        let room = kept.room(self.memory);
+        kept.cache.shrink(room);
         Ok(())
     }
 
