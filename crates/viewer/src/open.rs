@@ -11,8 +11,9 @@ use voxrole_pack::quantization::NO_NORMAL;
 use voxrole_pack::{DistanceQuantization, HitGradientQuantization, Precision, Reader, ScalarType};
 use voxrole_preprocess::Grid;
 use voxrole_preprocess::console::tell;
-use voxrole_preprocess::io::{ReadOptions, read_volume};
-use voxrole_preprocess::prepare;
+use voxrole_preprocess::io::{ReadOptions, open_volume, read_volume};
+use voxrole_preprocess::machine_memory::half_of_memory;
+use voxrole_preprocess::prepare::prepare_file;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
 
@@ -44,12 +45,14 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
         ensure!(typed.is_empty(), "{}: what is packed is read as it is: leave {typed} out", named());
         return Ok(Opened { reader: Reader::open(path).with_context(named)?, _prepared: None });
     }
-    let grid = read_volume(path, options)?;
+    let volume = open_volume(path, options)?;
     let folder = tempfile::tempdir().context("making a temporary folder")?;
     let packed = folder.path().join("prepared.vxr");
     let file = path.display();
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
-    prepare(&grid, &Settings::new(Method::Auto), &packed, &Silent).with_context(named)?;
+    volume.notes().iter().for_each(|note| tell(format!("voxrole-view: {file}: {note}")));
+    let (settings, memory) = (Settings::new(Method::Auto), half_of_memory()?);
+    prepare_file(volume, &settings, memory, &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
 }
 
