@@ -37,8 +37,13 @@ pub const FADE: f32 = 3.0;
 /// Opacities for which it is worked out what a macrocell of it stops: a power is slow.
 const OPACITIES: usize = 256;
 
-/// Value, distance and gradient magnitude of a voxel, as stored.
+/// Value, distance and gradient magnitude of a voxel, as stored; without a boundary its distance says so.
 pub(super) type Sample = [u16; 3];
+
+/// What of a texel stands for its macrocell.
+pub(super) fn sample_of(texel @ [value, distance, gradient, _]: [u16; 4]) -> Sample {
+    [value, if VolumeTexels::has_hit(texel) { distance } else { DistanceQuantization::MASKED as u16 }, gradient]
+}
 
 /// Four voxels of every macrocell, which stand for it whatever is drawn of them: a sixteenth of the volume.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -60,10 +65,8 @@ impl MacrocellSamples {
         let mut samples = vec![[[0; 3]; 4]; nx * ny * nz];
         samples.par_chunks_mut(nx).enumerate().for_each(|(row, samples)| {
             for (x, samples) in samples.iter_mut().enumerate() {
-                *samples = Self::places([x, row % ny, row / ny], voxels).map(|[x, y, z]| {
-                    let [value, distance, gradient, _] = volume.texels[(z * voxels[1] + y) * voxels[0] + x];
-                    [value, distance, gradient]
-                });
+                *samples = Self::places([x, row % ny, row / ny], voxels)
+                    .map(|[x, y, z]| sample_of(volume.texels[(z * voxels[1] + y) * voxels[0] + x]));
             }
         });
         Self { dims, samples }
@@ -110,11 +113,11 @@ impl Occlusion {
         let reach = (emphases.largest_d_c() / distance_scale).ceil().min(most + 1.0) as u16;
         Self::new(samples, drawn, |[value, bits, gradient]| {
             let stored = bits as i16;
-            if (gradient == 0) | (stored.unsigned_abs() >= reach) {
+            if stored.unsigned_abs() >= reach {
                 return 0.0;
             }
-            let (opacity, emphasis) = table.opacity_of(value, gradient);
-            if opacity > 0.0 { opacity * emphases.look_up(emphasis, f32::from(stored) * distance_scale) } else { 0.0 }
+            let Some((opacity, emphasis)) = table.opacity_of(value, gradient) else { return 0.0 };
+            opacity * emphases.look_up(emphasis, f32::from(stored) * distance_scale)
         })
     }
 
@@ -152,7 +155,7 @@ impl Occlusion {
                 return 0;
             }
             let place = sum * (OPACITIES as f32 / 4.0);
-            let low = (place as usize).min(OPACITIES - 1);
+            let low = (place as u32 as usize).min(OPACITIES - 1);
             (mix(stopped_across[low], stopped_across[low + 1], place - low as f32) + 0.5) as u16
         };
         let shares = samples.samples.par_iter().enumerate().with_min_len(1024).map(stopped).collect();

@@ -7,7 +7,7 @@ use voxrole_pack::brick::BRICK_EDGE;
 use voxrole_pack::error::vec_with_capacity;
 
 use super::macrocells::{MACROCELL, MacrocellRanges, Ranges, macrocells};
-use super::occlusion::{MacrocellSamples, Sample};
+use super::occlusion::{MacrocellSamples, Sample, sample_of};
 use crate::Result;
 use crate::streaming::{PackedVolume, TexelBrick, TexelSource};
 
@@ -121,11 +121,8 @@ impl MacrocellSamples {
             |brick, texels| -> Vec<[Sample; 4]> {
                 let start = first(brick).map(|macrocell| macrocell * MACROCELL as usize);
                 let sample = |macrocell| {
-                    Self::places(macrocell, voxels).map(|place| {
-                        let [value, distance, gradient, _] =
-                            texels.texel([0, 1, 2].map(|axis: usize| place[axis] - start[axis]));
-                        [value, distance, gradient]
-                    })
+                    Self::places(macrocell, voxels)
+                        .map(|place| sample_of(texels.texel([0, 1, 2].map(|axis: usize| place[axis] - start[axis]))))
                 };
                 own(brick).map(sample).collect()
             },
