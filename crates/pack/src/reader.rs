@@ -69,6 +69,9 @@ impl BrickUnpacker {
 /// How many damaged bricks and histograms a message names besides the first.
 const DAMAGE_NAMED: usize = 16;
 
+/// What to do about damage.
+const ADVICE: &str = "; prepare the volume again";
+
 /// What [`Reader::verify`] looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
@@ -388,7 +391,8 @@ impl Reader {
         let and_more = if more > 0 { format!(" and {more} more") } else { String::new() };
         Err(match first {
             Error::Format(first) if !others.is_empty() => {
-                Error::Format(format!("{first}; damaged too: {}{and_more}", others.join(", ")))
+                let first = first.strip_suffix(ADVICE).unwrap_or(&first);
+                Error::Format(format!("{first}; damaged too: {}{and_more}{ADVICE}", others.join(", ")))
             }
             first => first,
         })
@@ -524,7 +528,7 @@ impl Reader {
         let computed = crc32fast::hash(bytes);
         if !checksum_fits(extent.crc32, computed) {
             return Err(Error::Format(format!(
-                "{} is damaged: checksum {:08x} is stored, {computed:08x} computed; prepare the volume again",
+                "{} is damaged: checksum {:08x} is stored, {computed:08x} computed{ADVICE}",
                 name(),
                 extent.crc32
             )));

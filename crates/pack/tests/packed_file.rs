@@ -292,7 +292,7 @@ fn damage_is_named() {
     bytes[extent.offset as usize] ^= 1;
     let message = fails(&bytes, folder.path()).expect("is noticed").to_string();
     assert!(message.starts_with("brick 0 of layer `value`"), "{message}");
-    assert!(message.ends_with("; damaged too: brick 2 of layer `distance`"), "{message}");
+    assert!(message.ends_with("; damaged too: brick 2 of layer `distance`; prepare the volume again"), "{message}");
 }
 
 /// Replaces bytes inside the header, or inside the directory, and makes all checksums right again.

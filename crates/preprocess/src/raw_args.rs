@@ -31,7 +31,7 @@ pub struct RawArgs {
 #[command(next_help_heading = "Reading the volume")]
 pub struct ChoiceArgs {
     /// Distance between voxels along x, y, z, in place of what the file says; 1,1,1 where it says nothing.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_triple::<f64>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_spacing, allow_hyphen_values = true)]
     pub spacing: Option<[f64; 3]>,
     /// Which of several arrays of a VTI file.
     #[arg(long, value_name = "NAME")]
@@ -78,4 +78,10 @@ impl RawArgs {
 pub fn parse_triple<T: FromStr + Copy + Debug>(text: &str) -> Result<[T; 3], String> {
     let numbers: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     numbers.and_then(|numbers| <[T; 3]>::try_from(numbers).ok()).ok_or_else(|| "give three numbers as X,Y,Z".into())
+}
+
+fn parse_spacing(text: &str) -> Result<[f64; 3], String> {
+    let spacing = parse_triple::<f64>(text)?;
+    let is_distance = |number: &f64| number.is_finite() && *number > 0.0;
+    if spacing.iter().all(is_distance) { Ok(spacing) } else { Err("distances are finite and above 0".into()) }
 }

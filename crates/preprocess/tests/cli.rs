@@ -464,7 +464,7 @@ fn nothing_of_another_kind_is_replaced() {
     let before = workplace.read("b.nrrd");
     for line in ["prepare a.nrrd -o b.nrrd", "prepare a.nrrd -o a.vxr --report b.nrrd"] {
         let message = workplace.fail(line);
-        assert!(message.contains("b.nrrd: expected a") && message.contains("remove it first"), "{message}");
+        assert!(message.contains("b.nrrd: expected a") && message.contains("remove that file first"), "{message}");
     }
     assert_eq!(workplace.read("b.nrrd"), before);
     let message = workplace.refuse("prepare a.nrrd b.nrrd -o both.vxr");

@@ -94,7 +94,8 @@ impl<'a> Drawing<'a> {
         };
         if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
             // The same picture, in a fraction of the time.
-            tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher", gpu.name));
+            let bound = if device.gpu_memory.is_some() { "; --gpu-memory counts with --gpu" } else { "" };
+            tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher{bound}", gpu.name));
             return Self::on_cpu(texels, state);
         }
         tell(format!("voxrole-view: drawing on {}", gpu.name));

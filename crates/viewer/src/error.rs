@@ -12,7 +12,9 @@ pub enum Error {
     #[error("no usable GPU adapter: {0}")]
     NoAdapter(String),
     /// The volume does not fit the device.
-    #[error("the volume is too large for {device}: {reason}; draw on the CPU (`--cpu`), or resample the volume")]
+    #[error(
+        "the volume is too large for {device}: {reason}; give more `--gpu-memory` or `--memory` where they bound it, draw a coarser `--level`, or draw on the CPU (`--cpu`)"
+    )]
     VolumeTooLarge {
         /// The device's name.
         device: String,

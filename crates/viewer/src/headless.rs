@@ -55,7 +55,12 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.device.cpu || outputs.need_light;
     let drawing = if on_cpu {
-        volume.in_memory("the CPU ray marcher needs").and_then(|texels| Drawing::on_cpu(texels, &state))
+        let what = if outputs.need_light {
+            "`--bits 16`, `--transparent` and `--depth` need"
+        } else {
+            "the CPU ray marcher needs"
+        };
+        volume.in_memory(what).and_then(|texels| Drawing::on_cpu(texels, &state))
     } else {
         Drawing::new(&volume, &state, arguments.device)
     };
@@ -124,8 +129,8 @@ impl<'a> Outputs<'a> {
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
         let need_light = is_deep || *transparent || depth.is_some();
         refuse_if(
-            need_light && arguments.device.gpu,
-            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu out, or them",
+            need_light && (arguments.device.gpu || arguments.device.gpu_memory.is_some()),
+            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu and --gpu-memory out, or them",
         )?;
         let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();

@@ -475,6 +475,15 @@ fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_una
 }
 
 #[test]
+fn a_level_that_cannot_be_read_is_told_of_whatever_is_drawn_meanwhile() {
+    let Some(mut harness) = open() else { return };
+    let error = voxrole_pack::Error::Format("brick 3 is damaged".into());
+    harness.state_mut().finer.stop(&error.into());
+    settle(&mut harness);
+    harness.get_by_label("No finer level: brick 3 is damaged");
+}
+
+#[test]
 fn a_slow_picture_is_given_up_for_what_is_wanted_now() {
     let Some(mut harness) = open() else { return };
     // Far more than can be drawn while the hand rests.

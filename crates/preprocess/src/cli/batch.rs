@@ -119,8 +119,8 @@ fn check_replaced(output: &Path, [kind, extension]: [&str; 2], is_kind: fn(&[u8]
     file.take(MAGIC.len() as u64).read_to_end(&mut start).with_context(named)?;
     ensure!(
         start.is_empty() || is_kind(&start),
-        "{}: expected a {kind} or nothing under the name of the output, found another file: remove it first, or choose \
-         another name",
+        "{}: expected a {kind} or nothing under the name of the output, found another file: choose another name, or \
+         remove that file first if nobody needs it",
         named()
     );
     Ok(())

@@ -21,6 +21,9 @@ pub fn curve_ui(ui: &mut Ui, transfer_function: &mut TransferFunction, range: [f
         value.on_hover_text("The curve alone, boundary or not: classical volume rendering");
     });
     let [low, high] = range.map(|end| end as f32);
+    if *classification == Classification::Value && curve.points().is_empty() {
+        ui.small("Nothing is drawn without a point of the curve.");
+    }
     paint(ui, curve, [low, high]);
     let mut points = curve.points().to_vec();
     let mut removed = None;

@@ -7,15 +7,16 @@ use std::thread;
 use voxrole_pack::Reader;
 use voxrole_preprocess::byte_size::byte_size_text;
 
-use crate::Result;
 use crate::streaming::memory_bound::level_bytes;
 use crate::volume::VolumeTexels;
+use crate::{Error, Result};
 
 /// Levels on their way.
 #[derive(Default)]
 pub struct FinerLevels {
     levels: Option<Receiver<Result<VolumeTexels>>>,
     too_large: Option<String>,
+    failure: Option<String>,
 }
 
 impl FinerLevels {
@@ -45,13 +46,24 @@ impl FinerLevels {
                 }
             }
         });
-        Self { levels: Some(receiver), too_large }
+        Self { levels: Some(receiver), too_large, failure: None }
     }
 
     /// Why the finest level will not be shown, where memory does not suffice.
     #[must_use]
     pub fn too_large(&self) -> Option<&str> {
         self.too_large.as_deref()
+    }
+
+    /// Shows none any more, because of what has happened to one.
+    pub fn stop(&mut self, error: &Error) {
+        *self = Self { failure: Some(error.to_string()), ..Self::default() };
+    }
+
+    /// What has stopped them.
+    #[must_use]
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 
     /// The next level, if it is there by now.

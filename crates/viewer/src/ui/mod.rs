@@ -31,7 +31,7 @@ pub mod viewport;
 
 use std::sync::Arc;
 
-use egui::{CentralPanel, Frame, Panel, ScrollArea, Ui};
+use egui::{CentralPanel, Frame, Panel, RichText, ScrollArea, Ui};
 
 use crate::state::{Region, TransferFunction, TwoSidedEmphasis, ViewState};
 use finer_levels::FinerLevels;
@@ -65,14 +65,10 @@ impl ViewerWindow {
         match self.finer.take() {
             Some(Ok(texels)) => {
                 if let Err(error) = self.preview.replace_volume(&Arc::new(texels)) {
-                    self.preview.complain(&error);
-                    self.finer = FinerLevels::default();
+                    self.finer.stop(&error);
                 }
             }
-            Some(Err(error)) => {
-                self.preview.complain(&error);
-                self.finer = FinerLevels::default();
-            }
+            Some(Err(error)) => self.finer.stop(&error),
             None => {}
         }
         if self.finer.is_reading() {
@@ -170,5 +166,8 @@ fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
         }
         text += &format!("; {}", window.preview.drawn_by());
         ui.small(text);
+        if let Some(failure) = window.finer.failure() {
+            ui.label(RichText::new(format!("No finer level: {failure}")).small().color(theme::ERROR));
+        }
     });
 }

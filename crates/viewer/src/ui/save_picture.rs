@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Button, DragValue, RichText, TextEdit, Ui};
+use egui::{Button, DragValue, Label, RichText, TextEdit, Ui};
 use voxrole_pack::atomic_file;
 
 use super::preview::Preview;
@@ -103,15 +103,13 @@ pub fn save_picture_ui(
     if button.on_hover_text("All settings, in a file of this name that ends in .toml: opened by --session").clicked() {
         save.save_session(view);
     }
-    match &save.outcome {
-        None => {}
-        Some(Outcome::Saved(message) | Outcome::Exists(message)) => {
-            ui.label(RichText::new(message).small());
-        }
-        Some(Outcome::Failed(message)) => {
-            ui.label(RichText::new(message).small().color(theme::ERROR));
-        }
-    }
+    let message = match &save.outcome {
+        // The line stays, so that the buttons above do not move from under the pointer.
+        None => RichText::new(" "),
+        Some(Outcome::Saved(message) | Outcome::Exists(message)) => RichText::new(message),
+        Some(Outcome::Failed(message)) => RichText::new(message).color(theme::ERROR),
+    };
+    ui.add(Label::new(message.small()).truncate());
 }
 
 fn side(ui: &mut Ui, pixels: &mut u32, name: &str) {

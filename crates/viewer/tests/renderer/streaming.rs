@@ -240,7 +240,7 @@ fn what_needs_all_texels_says_what_would_fit() {
     write(&phantom, &packed).expect("is written");
     for (memory, options, expected) in [
         ("3MiB", &["--cpu"][..], "draw `--level 1`, which takes 442 KiB"),
-        ("3MiB", &["--transparent"], "the CPU ray marcher needs all of it there"),
+        ("3MiB", &["--transparent"], "`--depth` need all of it there"),
         ("3MiB", &["--technique", "slices"], "slices need all of it there"),
         ("100KiB", &["--cpu"], "draw `--level 2`"),
         ("1KiB", &["--cpu"], "; give more `--memory`"),

@@ -17,6 +17,8 @@ fn what_the_command_line_cannot_mean_is_told_with_exit_code_2() {
         ("--transparent --background FFFFFF", "leave --background out"),
         ("--integration pre-2d", "--classify value"),
         ("--cpu --gpu-memory 1GiB", "cannot be used with"),
+        ("--bits 16 --gpu-memory 1GiB", "leave --gpu and --gpu-memory out"),
+        ("--spacing 0,1,1", "above 0"),
         ("--depth a.npy --frames 2", "without --frames"),
         ("--clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1", "at most 4"),
         ("--region map:none.png,1:2,3:4,FFFFFF", "none.png: "),
