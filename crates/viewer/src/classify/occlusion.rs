@@ -116,24 +116,27 @@ impl Occlusion {
             if stored.unsigned_abs() >= reach {
                 return 0.0;
             }
-            let Some((opacity, emphasis)) = table.opacity_of(value, gradient) else { return 0.0 };
-            opacity * emphases.look_up(emphasis, f32::from(stored) * distance_scale)
+            let (opacity, emphasis) = table.opacity_of(value, gradient);
+            if opacity == 0 {
+                return 0.0;
+            }
+            f32::from(opacity) * emphases.look_up(emphasis, f32::from(stored) * distance_scale)
         })
     }
 
     /// Where value alone decides.
     #[must_use]
     pub fn of_values(samples: &MacrocellSamples, drawn: Drawn<'_>, values: &ValueTable) -> Self {
-        Self::new(samples, drawn, |[value, ..]| values.look_up(f32::from(value), f32::from(value)).w)
+        Self::new(samples, drawn, |[value, ..]| 65535.0 * values.look_up(f32::from(value), f32::from(value)).w)
     }
 
     /// Where opacity is stored.
     #[must_use]
     pub fn of_stored(samples: &MacrocellSamples, drawn: Drawn<'_>) -> Self {
-        Self::new(samples, drawn, |[opacity, ..]| f32::from(opacity) / 65535.0)
+        Self::new(samples, drawn, |[opacity, ..]| f32::from(opacity))
     }
 
-    /// `opacity` for a path of `L_min`.
+    /// `opacity` for a path of `L_min`, as a share of 65535.
     fn new(samples: &MacrocellSamples, drawn: Drawn<'_>, opacity: impl Fn(Sample) -> f32 + Sync) -> Self {
         let Drawn { volume, planes, occupancy } = drawn;
         let dims @ [nx, ny, _] = samples.dims;
@@ -154,7 +157,7 @@ impl Occlusion {
             if sum == 0.0 || (!planes.is_empty() && is_cut(index)) {
                 return 0;
             }
-            let place = sum * (OPACITIES as f32 / 4.0);
+            let place = sum * (OPACITIES as f32 / (4.0 * 65535.0));
             let low = (place as u32 as usize).min(OPACITIES - 1);
             (mix(stopped_across[low], stopped_across[low + 1], place - low as f32) + 0.5) as u16
         };

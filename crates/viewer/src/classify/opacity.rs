@@ -98,13 +98,12 @@ impl OpacityTable {
         (self.entries[bin].map(|share| f32::from(share) / 65535.0), usize::from(self.emphases[bin]))
     }
 
-    /// αu of a stored value, and the index of the αd that goes with it: those of [`Self::look_up`]; `None` where αu is 0.
+    /// αu of a stored value, as a share of 65535, and the index of the αd that goes with it: those of [`Self::look_up`].
     #[must_use]
     #[inline]
-    pub fn opacity_of(&self, stored_value: u16, stored_gradient: u16) -> Option<(f32, usize)> {
+    pub fn opacity_of(&self, stored_value: u16, stored_gradient: u16) -> (u16, usize) {
         let bin = gradient_bin(stored_gradient) * VALUE_BINS + usize::from(stored_value) * VALUE_BINS / 65536;
-        let opacity = self.entries[bin][3];
-        (opacity > 0).then(|| (f32::from(opacity) / 65535.0, usize::from(self.emphases[bin])))
+        (self.entries[bin][3], usize::from(self.emphases[bin]))
     }
 }
 
@@ -462,7 +461,8 @@ mod tests {
         let table = table_of(&[region([0.0, 900.0], [20.0, 30.0], [1.0; 3], 0.6, 0.4)], VALUE_RANGE, HIT_GRADIENT);
         for value in (0..=u16::MAX).step_by(7) {
             let (entry, emphasis) = table.look_up(f32::from(value), 23_000);
-            assert_eq!(table.opacity_of(value, 23_000), (entry[3] > 0.0).then_some((entry[3], emphasis)));
+            let (opacity, of) = table.opacity_of(value, 23_000);
+            assert_eq!((f32::from(opacity) / 65535.0, of), (entry[3], emphasis));
         }
         assert_eq!([value_bin(0.0), value_bin(63.99), value_bin(64.0), value_bin(65535.0)], [0, 0, 1, 1023]);
         assert_eq!([gradient_bin(1), gradient_bin(128), gradient_bin(129), gradient_bin(65535)], [0, 0, 1, 511]);
