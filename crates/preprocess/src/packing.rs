@@ -287,7 +287,7 @@ impl Packing<'_, '_> {
             ("smooth", smoothing.placement.to_string()),
             ("derivative", kernel.to_string()),
             ("reconstruction", reconstruction.to_string()),
-            ("root", settings.root_finder.name().to_owned()),
+            ("root", settings.root_finder().name().to_owned()),
             ("climb", climb.to_string()),
             ("step", format!("{step} L_min")),
             ("dmax", format!("{d_max} L_min")),

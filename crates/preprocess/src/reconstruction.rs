@@ -77,33 +77,35 @@ pub enum Smooth<'a> {
     },
 }
 
+/// What there is at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeSample {
+    /// The edge operator.
+    pub edge: f32,
+    /// Gradient magnitude.
+    pub gradient_magnitude: f32,
+    /// Value.
+    pub value: f32,
+}
+
 impl Smooth<'_> {
-    /// The edge operator at a place.
+    /// All that it has at a place.
     #[inline]
     #[must_use]
-    pub fn edge(&self, place: &Place) -> f32 {
+    pub fn at(&self, place: &Place) -> EdgeSample {
         match self {
-            Self::Fields { second_derivative, .. } => second_derivative.value(place),
+            Self::Fields { second_derivative, gradient_magnitude, values: (sampler, values) } => EdgeSample {
+                edge: second_derivative.value(place),
+                gradient_magnitude: gradient_magnitude.value(place),
+                value: sampler.trilinear(values, place),
+            },
             Self::Exact { value, operator } => {
                 let jet = value.jet(place);
-                match operator {
+                let edge = match operator {
                     EdgeOperator::SecondDerivative => jet.second_derivative(),
                     EdgeOperator::Plus => 0.5 * (jet.second_derivative() + jet.laplacian()),
-                }
-            }
-        }
-    }
-
-    /// Gradient magnitude and value at a place.
-    #[must_use]
-    pub fn gradient_magnitude_and_value(&self, place: &Place) -> (f32, f32) {
-        match self {
-            Self::Fields { gradient_magnitude, values: (sampler, values), .. } => {
-                (gradient_magnitude.value(place), sampler.trilinear(values, place))
-            }
-            Self::Exact { value, .. } => {
-                let jet = value.jet(place);
-                (jet.gradient.length(), jet.value)
+                };
+                EdgeSample { edge, gradient_magnitude: jet.gradient.length(), value: jet.value }
             }
         }
     }

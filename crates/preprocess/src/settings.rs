@@ -87,8 +87,8 @@ pub struct Settings {
     pub operator: EdgeOperator,
     /// What lies between the voxels at a crossing.
     pub reconstruction: Reconstruction,
-    /// What refines a crossing.
-    pub root_finder: RootFinder,
+    /// What refines a crossing, or `None` for what suits the reconstruction: see [`Self::root_finder`].
+    pub root_finder: Option<RootFinder>,
     /// What stops a ray.
     pub climb: Climb,
     /// Distance between samples along a ray, in multiples of L_min; at most 1.
@@ -128,6 +128,16 @@ pub const LARGEST_D_MAX: f64 = 1000.0;
 pub const LEAST_STEP: f64 = 1e-3;
 
 impl Settings {
+    /// What refines a crossing: unless it is set, bisection where f'' is trilinear, many voxels at once, and Chandrupatla's
+    /// method on splines, which take as long to evaluate as those many voxels.
+    #[must_use]
+    pub fn root_finder(&self) -> RootFinder {
+        self.root_finder.unwrap_or(match self.reconstruction {
+            Reconstruction::Linear => RootFinder::Bisection,
+            _ => RootFinder::Chandrupatla,
+        })
+    }
+
     /// These, with what takes up least chosen wherever that is left to the data.
     #[must_use]
     pub fn cheapest(&self) -> Self {
@@ -163,7 +173,7 @@ impl Settings {
             kernel,
             operator: EdgeOperator::SecondDerivative,
             reconstruction,
-            root_finder: RootFinder::Bisection,
+            root_finder: None,
             climb,
             step: 0.2,
             d_max: 15.0,

@@ -163,7 +163,7 @@ fn bytes_do_not_depend_on_threads_or_skipping() {
         "fast --smooth bilateral-value",
         "auto",
         "accurate --edge plus",
-        "fast --derivative central4 --reconstruction cubic --root itp",
+        "fast --derivative central4 --reconstruction cubic --root chandrupatla",
         "accurate --derivative bspline3 --reconstruction quintic",
         "accurate --derivative gaussian:1.2",
         "fast --root cubic",

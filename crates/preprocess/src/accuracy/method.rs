@@ -9,7 +9,7 @@ use crate::settings::{self, Settings, Smoothing, SmoothingSettings};
 /// A named set of settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Method {
-    /// A short name, for plots and tables: `accurate`, `central2+cubic`, `fast, root itp`.
+    /// A short name, for plots and tables: `accurate`, `central2+cubic`, `fast, root cubic`.
     pub name: String,
     /// The options of `voxrole prepare` that choose it.
     pub options: String,
@@ -49,7 +49,7 @@ impl Method {
     fn rooted(base: settings::Method, root_finder: RootFinder) -> Self {
         let name = root_finder.name();
         Self::of(base, &format!("root {name}"), &format!("--root {name}"), |settings| {
-            settings.root_finder = root_finder;
+            settings.root_finder = Some(root_finder);
         })
     }
 }
@@ -68,9 +68,9 @@ pub fn methods() -> Vec<Method> {
     let named = [(Kernel::Central2, Reconstruction::Linear), (Kernel::QuinticSpline, Reconstruction::Exact)];
     methods.extend(ladder.filter(|step| !named.contains(step)).map(|(kernel, kind)| Method::step(kernel, kind)));
     methods.push(Method::step(Kernel::Gaussian(1.0), Reconstruction::Exact));
-    methods.push(Method::rooted(Fast, RootFinder::Itp));
+    methods.push(Method::rooted(Fast, RootFinder::Chandrupatla));
     methods.push(Method::rooted(Fast, RootFinder::Cubic));
-    methods.push(Method::rooted(Accurate, RootFinder::Itp));
+    methods.push(Method::rooted(Accurate, RootFinder::Bisection));
     methods.push(Method::of(Accurate, "plus", "--edge plus", |settings| settings.operator = EdgeOperator::Plus));
     for base in [Fast, Accurate] {
         for placement in [Smoothing::BilateralDerivatives, Smoothing::BilateralValue, Smoothing::GaussianValue] {

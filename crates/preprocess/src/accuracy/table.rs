@@ -117,10 +117,11 @@ mod tests {
 
     #[test]
     fn tables_have_a_cell_for_every_column() {
-        let table = csv(&[row("fast, root itp", 1e-7, 0.25), row("accurate", 2e-7, 0.001)]);
+        let table = csv(&[row("fast, root cubic", 1e-7, 0.25), row("accurate", 2e-7, 0.001)]);
         let lines: Vec<&str> = table.lines().collect();
         assert!(lines.len() == 3 && lines[0].starts_with("phantom,edge [voxel],blur [voxel],"), "{}", lines[0]);
-        assert!(lines[1].starts_with("torus,64,1.5,4,0,f32,\"fast, root itp\",,0.0000001,10,1,0.25,,"), "{}", lines[1]);
+        let begin = "torus,64,1.5,4,0,f32,\"fast, root cubic\",,0.0000001,10,1,0.25,,";
+        assert!(lines[1].starts_with(begin), "{}", lines[1]);
         assert_eq!(lines[2].split(',').count(), COLUMNS.len());
     }
 

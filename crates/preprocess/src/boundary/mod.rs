@@ -9,8 +9,8 @@ use glam::Vec3;
 
 use crate::differentiation::Gradient;
 use crate::directional_derivative::Derivatives;
-use crate::reconstruction::Smooth;
-use crate::root_finder::{HALVINGS, RootFinder, bisect, first_fall_of_cubic, itp};
+use crate::reconstruction::{EdgeSample, Smooth};
+use crate::root_finder::{HALVINGS, Probed, RootFinder, bisect, chandrupatla, first_fall_of_cubic};
 use crate::sampler::{Corners, Ray, Sampler, Span};
 use crate::settings::{Climb, Settings};
 use crate::working_field::{WorkingField, voxels};
@@ -169,7 +169,7 @@ impl<'a> Tracer<'a> {
             least_gradient: floor.least(),
             gradient,
             smooth,
-            root_finder: settings.root_finder,
+            root_finder: settings.root_finder(),
             sampler: Sampler::new(field.dims()),
             dims: field.dims(),
             index_from_length: Vec3::from_array(field.spacing.map(f32::recip)),
@@ -437,7 +437,10 @@ impl<'a> Tracer<'a> {
                 #[inline(always)]
                 |t| probe.rise(t) > 0.0,
             ),
-            RootFinder::Itp => itp([from, to], [probe.rise(from), probe.rise(to)], |t| probe.rise(t)),
+            RootFinder::Chandrupatla => {
+                let [inside, outside] = [from, to].map(|t| (t, probe.rise(t), ()));
+                chandrupatla(inside, outside, |t| (probe.rise(t), ())).0
+            }
             RootFinder::Cubic => {
                 let mut start = from;
                 for end in probe.signed.ray.planes_between(from, to).into_iter().chain([to]) {
@@ -463,11 +466,8 @@ impl<'a> Tracer<'a> {
                 (crossing, place, g, value)
             }
             Some(smooth) => {
-                let t = self.refined(smooth, up, crossing, work).unwrap_or(crossing);
-                let place = self.sampler.place(up, t)?;
-                work.evaluations += 1;
-                let (g, value) = smooth.gradient_magnitude_and_value(&place);
-                (t, place, g, value)
+                let (t, _, found) = self.refined(smooth, up, crossing, work)?;
+                (t, self.sampler.place(up, t)?, found.gradient_magnitude, found.value)
             }
         };
         (gradient_magnitude > self.floor.at(place.cell) && t.abs() <= self.d_max).then_some(BoundaryHit {
@@ -479,38 +479,56 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// The crossing of a smooth reconstruction near a trilinear one. `None` where it has none near, or the ray leaves the
-    /// volume there.
+    /// The crossing of a smooth reconstruction near a trilinear one, or that itself where there is none near. `None` where
+    /// the ray leaves the volume.
     #[inline(always)]
-    fn refined(&self, smooth: &Smooth<'_>, up: &Ray, crossing: f32, work: &mut Work) -> Option<f32> {
+    fn refined(&self, smooth: &Smooth<'_>, up: &Ray, crossing: f32, work: &mut Work) -> Option<Probed<EdgeSample>> {
+        let first = self.edge(smooth, up, crossing, work)?;
         // Upwards f'' falls from + to − at an authentic edge.
+        let is_inside = first.1 > 0.0;
+        let mut near = first;
         for window in WINDOWS {
-            let ends = [crossing - window, crossing + window];
-            let below = self.edge(smooth, up, ends[0], work)?;
-            let above = self.edge(smooth, up, ends[1], work)?;
-            if below > 0.0 && above <= 0.0 {
-                return Some(match self.root_finder {
-                    RootFinder::Bisection => bisect(
-                        ends[0],
-                        ends[1],
-                        #[inline(always)]
-                        |t| self.edge(smooth, up, t, work).is_some_and(|edge| edge > 0.0),
-                    ),
-                    RootFinder::Itp | RootFinder::Cubic => {
-                        itp(ends, [below, above], |t| self.edge(smooth, up, t, work).unwrap_or(f32::NAN))
-                    }
-                });
+            let Some(far) = self.edge(smooth, up, if is_inside { crossing + window } else { crossing - window }, work)
+            else {
+                break;
+            };
+            if (far.1 > 0.0) != is_inside {
+                let (inside, outside) = if is_inside { (near, far) } else { (far, near) };
+                return self.between(smooth, up, [inside, outside], work);
             }
+            near = far;
         }
-        None
+        Some(first)
     }
 
-    /// The edge operator of a smooth reconstruction, or `None` outside the volume.
+    /// The crossing of a smooth reconstruction between a place where f'' is positive and one where it is not.
     #[inline(always)]
-    fn edge(&self, smooth: &Smooth<'_>, up: &Ray, t: f32, work: &mut Work) -> Option<f32> {
+    fn between(
+        &self,
+        smooth: &Smooth<'_>,
+        up: &Ray,
+        [inside, outside]: [Probed<EdgeSample>; 2],
+        work: &mut Work,
+    ) -> Option<Probed<EdgeSample>> {
+        if self.root_finder == RootFinder::Bisection {
+            let is_inside =
+                |t: f32, work: &mut Work| self.edge(smooth, up, t, work).is_some_and(|(_, edge, _)| edge > 0.0);
+            let t = bisect(inside.0, outside.0, |t| is_inside(t, work));
+            return self.edge(smooth, up, t, work);
+        }
+        // Both ends lie in the volume, and so does what is between them.
+        let beyond = (f32::NAN, inside.2);
+        let at = |t| self.edge(smooth, up, t, work).map_or(beyond, |(_, edge, sample)| (edge, sample));
+        Some(chandrupatla(inside, outside, at))
+    }
+
+    /// A place on a ray with what a smooth reconstruction has there, or `None` outside the volume.
+    #[inline(always)]
+    fn edge(&self, smooth: &Smooth<'_>, up: &Ray, t: f32, work: &mut Work) -> Option<Probed<EdgeSample>> {
         let place = self.sampler.place(up, t)?;
         work.evaluations += 1;
-        Some(smooth.edge(&place))
+        let sample = smooth.at(&place);
+        Some((t, sample.edge, sample))
     }
 
     /// The sampler of the fields.

@@ -73,9 +73,9 @@ pub struct PrepareArgs {
     /// derivatives of the value's own spline [default: linear for paper and fast, exact for accurate].
     #[arg(long, value_name = "KIND")]
     pub reconstruction: Option<Reconstruction>,
-    /// What refines a boundary's place.
-    #[arg(long, value_enum, default_value = "bisection")]
-    pub root: RootArg,
+    /// What refines a boundary's place [default: bisection where f'' is trilinear, else chandrupatla].
+    #[arg(long, value_enum)]
+    pub root: Option<RootArg>,
     /// What is zero on an edge: f'' along the gradient, or PLUS, which keeps to curved surfaces.
     #[arg(long, value_enum, default_value = "second-derivative")]
     pub edge: EdgeArg,
@@ -346,9 +346,9 @@ pub enum ClimbArg {
 pub enum RootArg {
     /// Halves the bracket.
     Bisection,
-    /// Interpolates, truncates and projects: the same width with fewer evaluations.
-    Itp,
-    /// Solves trilinear f'' in closed form; itp where it is not trilinear.
+    /// Inverse quadratics where they fit, else halves: a third of the evaluations.
+    Chandrupatla,
+    /// Solves trilinear f'' in closed form; chandrupatla where it is not trilinear.
     Cubic,
 }
 

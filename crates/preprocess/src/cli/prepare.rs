@@ -168,11 +168,11 @@ fn settings(args: &PrepareArgs) -> Settings {
     Settings {
         step: args.step,
         d_max: args.dmax,
-        root_finder: match args.root {
+        root_finder: args.root.map(|root| match root {
             RootArg::Bisection => RootFinder::Bisection,
-            RootArg::Itp => RootFinder::Itp,
+            RootArg::Chandrupatla => RootFinder::Chandrupatla,
             RootArg::Cubic => RootFinder::Cubic,
-        },
+        }),
         operator: match args.edge {
             EdgeArg::SecondDerivative => EdgeOperator::SecondDerivative,
             EdgeArg::Plus => EdgeOperator::Plus,
