@@ -90,7 +90,7 @@ pub struct EdgeSample {
 
 impl Smooth<'_> {
     /// All that it has at a place.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn at(&self, place: &Place) -> EdgeSample {
         match self {

@@ -511,15 +511,24 @@ impl<'a> Tracer<'a> {
         work: &mut Work,
     ) -> Option<Probed<EdgeSample>> {
         if self.root_finder == RootFinder::Bisection {
-            let is_inside =
-                |t: f32, work: &mut Work| self.edge(smooth, up, t, work).is_some_and(|(_, edge, _)| edge > 0.0);
-            let t = bisect(inside.0, outside.0, |t| is_inside(t, work));
+            let t = bisect(
+                inside.0,
+                outside.0,
+                #[inline(always)]
+                |t| matches!(self.edge(smooth, up, t, work), Some((_, edge, _)) if edge > 0.0),
+            );
             return self.edge(smooth, up, t, work);
         }
-        // Both ends lie in the volume, and so does what is between them.
-        let beyond = (f32::NAN, inside.2);
-        let at = |t| self.edge(smooth, up, t, work).map_or(beyond, |(_, edge, sample)| (edge, sample));
-        Some(chandrupatla(inside, outside, at))
+        Some(chandrupatla(
+            inside,
+            outside,
+            #[inline(always)]
+            |t| match self.edge(smooth, up, t, work) {
+                Some((_, edge, sample)) => (edge, sample),
+                // Both ends lie in the volume, and so does what is between them.
+                None => (f32::NAN, inside.2),
+            },
+        ))
     }
 
     /// A place on a ray with what a smooth reconstruction has there, or `None` outside the volume.
