@@ -170,7 +170,7 @@ impl<'a> Rows<'a> {
     /// The samples that have a neighbour on both sides, where there are as many as a vector holds.
     ///
     /// Functions and no closures, [`EdgeOperator::apply_to_lanes`] alike: std's `map` would be compiled without the level's
-    /// instructions, which made this five times slower.
+    /// instructions, which made this several times slower.
     #[inline(always)]
     fn differentiate_inside<S: Simd, const CENTRAL: bool>(
         &self,

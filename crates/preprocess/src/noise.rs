@@ -183,7 +183,7 @@ fn masks(dims: [usize; 3], spread: usize) -> Vec<usize> {
 /// What the masks leave of the values around a voxel; `strides` lead to the next sample of each mask.
 fn residual(source: &[f32], voxel: usize, strides: &[usize]) -> f32 {
     match strides {
-        // Volumes have one mask along each axis: spelled out, five times as fast.
+        // Volumes have one mask along each axis: spelled out, the estimate takes a third of the time.
         &[x, y, z] => {
             let line = |voxel: usize| mask([source[voxel - z], source[voxel], source[voxel + z]]);
             let plane = |voxel: usize| mask([line(voxel - y), line(voxel), line(voxel + y)]);

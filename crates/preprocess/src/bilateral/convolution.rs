@@ -60,9 +60,9 @@ fn convolve_line<S: Simd>(simd: S, source: &[f32], stride: usize, out: &mut [f32
     loop {
         let center = x + middle;
         let mut sum = S::f32s::splat(simd, weights[0]) * lanes(simd, source, center);
-        for steps in 1..weights.len() {
+        for (steps, &weight) in weights.iter().enumerate().skip(1) {
             let sides = lanes(simd, source, center - steps * stride) + lanes(simd, source, center + steps * stride);
-            sum += S::f32s::splat(simd, weights[steps]) * sides;
+            sum += S::f32s::splat(simd, weight) * sides;
         }
         sum.store_slice(&mut out[x..][..S::f32s::LEN]);
         if x + S::f32s::LEN == len {
@@ -76,13 +76,12 @@ fn convolve_line<S: Simd>(simd: S, source: &[f32], stride: usize, out: &mut [f32
 /// [`convolve_line`], sample by sample: the naive twin of all.
 #[inline(always)]
 fn convolve_line_plainly(source: &[f32], stride: usize, out: &mut [f32], weights: &[f32]) {
-    for x in 0..out.len() {
+    for (x, out) in out.iter_mut().enumerate() {
         let center = x + (weights.len() - 1) * stride;
-        let mut sum = weights[0] * source[center];
-        for steps in 1..weights.len() {
-            sum += weights[steps] * (source[center - steps * stride] + source[center + steps * stride]);
+        *out = weights[0] * source[center];
+        for (steps, &weight) in weights.iter().enumerate().skip(1) {
+            *out += weight * (source[center - steps * stride] + source[center + steps * stride]);
         }
-        out[x] = sum;
     }
 }
 
@@ -99,8 +98,8 @@ fn across<S: Simd, const TAPS: usize>(
     let mut x = 0;
     loop {
         let mut taps = [S::f32s::splat(simd, 0.0); TAPS];
-        for tap in 1..TAPS {
-            taps[tap] = lanes(simd, source, (tap - 1) * stride + x);
+        for (line, tap) in taps.iter_mut().skip(1).enumerate() {
+            *tap = lanes(simd, source, line * stride + x);
         }
         for line in 0..count {
             for tap in 1..TAPS {
@@ -124,8 +123,8 @@ fn along<S: Simd, const TAPS: usize>(simd: S, source: &[f32], out: &mut [f32], w
     loop {
         let (low, high) = (lanes(simd, source, x), lanes(simd, source, x + S::f32s::LEN));
         let mut taps = [low; TAPS];
-        for tap in 1..TAPS {
-            taps[tap] = shifted::<S>(low, high, tap);
+        for (steps, tap) in taps.iter_mut().enumerate().skip(1) {
+            *tap = shifted::<S>(low, high, steps);
         }
         weighted::<S, TAPS>(weights, taps).store_slice(&mut out[x..][..S::f32s::LEN]);
         if x + S::f32s::LEN == len {
