@@ -1,12 +1,10 @@
 //! Gradient magnitude and f'' by central differences, in one pass over the value field.
 
-use std::ops::Range;
-
-use multiversion::multiversion;
+use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use rayon::prelude::*;
 
 use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils};
-use crate::row_windows::{WINDOW, windows};
+use crate::simd;
 use crate::stencil::{AxisStencil, Taps, weighted_sum};
 use crate::working_field::{WorkingField, voxels, voxels_mut};
 
@@ -22,12 +20,18 @@ pub fn derivatives(field: &WorkingField, operator: EdgeOperator) -> Derivatives 
 
 /// As [`derivatives`], into fields that exist already.
 ///
-/// Per voxel 4 bytes are read and 8 written, for 63 operations on f32 (39 products, 22 sums, a division and a root), 8 voxels
-/// at a time with AVX2: the processor is busier than its memory. The slices beside a slice are still in the cache.
+/// Per voxel 4 bytes are read and 8 written, for 63 operations on f32 (39 products, 22 sums, a division and a root), as many
+/// voxels at a time as the processor's vectors hold: it is busier than its memory. The slices beside a slice are still in the
+/// cache.
 ///
 /// # Panics
 /// When `derivatives` are not of the field's dimensions.
 pub fn derivatives_into(field: &WorkingField, operator: EdgeOperator, derivatives: &mut Derivatives) {
+    derivatives_at(simd::level(), field, operator, derivatives);
+}
+
+/// [`derivatives_into`] with vectors of a level; the bits are those of any other.
+fn derivatives_at(level: Level, field: &WorkingField, operator: EdgeOperator, derivatives: &mut Derivatives) {
     let Derivatives { gradient_magnitude, second_derivative } = derivatives;
     let shape = field.values.dim();
     assert!(gradient_magnitude.dim() == shape && second_derivative.dim() == shape, "fields of one volume");
@@ -42,7 +46,13 @@ pub fn derivatives_into(field: &WorkingField, operator: EdgeOperator, derivative
             || FirstDerivatives { y: vec![0.0; nx], z: vec![0.0; nx] },
             |first, (k, (slice_g, slice_f2))| {
                 let slice = Slice { source, stencils: &stencils, k };
-                differentiate_slice(&slice, operator, first, slice_g, slice_f2);
+                // Operators are spelled out, so that no loop asks which it is.
+                dispatch!(level, simd => match operator {
+                    EdgeOperator::SecondDerivative => {
+                        slice.differentiate(simd, EdgeOperator::SecondDerivative, first, slice_g, slice_f2);
+                    }
+                    EdgeOperator::Plus => slice.differentiate(simd, EdgeOperator::Plus, first, slice_g, slice_f2),
+                });
             },
         );
 }
@@ -62,27 +72,11 @@ struct FirstDerivatives {
     z: Vec<f32>,
 }
 
-#[multiversion(targets("x86_64+avx2"))]
-fn differentiate_slice(
-    slice: &Slice<'_>,
-    operator: EdgeOperator,
-    first: &mut FirstDerivatives,
-    slice_g: &mut [f32],
-    slice_f2: &mut [f32],
-) {
-    // Spelled out, so that no loop asks which it is.
-    match operator {
-        EdgeOperator::SecondDerivative => {
-            slice.differentiate(EdgeOperator::SecondDerivative, first, slice_g, slice_f2);
-        }
-        EdgeOperator::Plus => slice.differentiate(EdgeOperator::Plus, first, slice_g, slice_f2),
-    }
-}
-
 impl Slice<'_> {
     #[inline(always)]
-    fn differentiate(
+    fn differentiate<S: Simd>(
         &self,
+        simd: S,
         operator: EdgeOperator,
         first: &mut FirstDerivatives,
         slice_g: &mut [f32],
@@ -96,16 +90,15 @@ impl Slice<'_> {
             let y = y_axis.taps(j);
             let rows = Rows::new(&y, &z, |k, j| &self.source[(k * rows_per_slice + j) * nx..][..nx]);
             if y.is_central() && z.is_central() {
-                rows.differentiate::<true>(x_axis, operator, first, row_g, row_f2);
+                rows.differentiate::<S, true>(simd, x_axis, operator, first, row_g, row_f2);
             } else {
-                rows.differentiate::<false>(x_axis, operator, first, row_g, row_f2);
+                rows.differentiate::<S, false>(simd, x_axis, operator, first, row_g, row_f2);
             }
         }
     }
 }
 
-/// The rows around a row, with their weights.
-#[derive(Clone, Copy)]
+/// The rows around a row, with their weights. Where `CENTRAL` is promised, both taps are: what has no weight is left out then.
 struct Rows<'a> {
     y: &'a Taps,
     z: &'a Taps,
@@ -125,23 +118,10 @@ impl<'a> Rows<'a> {
         Self { y, z, plane, along_y: plane[z.center], along_z, center: along_z[z.center] }
     }
 
-    /// Some samples of every row.
     #[inline(always)]
-    fn part(&self, samples: &Range<usize>) -> Self {
-        let [low, middle, high] = self.plane;
-        Self {
-            plane: [part(low, samples), part(middle, samples), part(high, samples)],
-            along_y: part(self.along_y, samples),
-            along_z: part(self.along_z, samples),
-            center: &self.center[samples.clone()],
-            ..*self
-        }
-    }
-
-    /// `CENTRAL` promises that both taps are: what has no weight is left out then.
-    #[inline(always)]
-    fn differentiate<const CENTRAL: bool>(
+    fn differentiate<S: Simd, const CENTRAL: bool>(
         &self,
+        simd: S,
         axis: &AxisStencil,
         operator: EdgeOperator,
         first: &mut FirstDerivatives,
@@ -149,101 +129,176 @@ impl<'a> Rows<'a> {
         row_f2: &mut [f32],
     ) {
         let len = row_g.len();
-        differences::<CENTRAL>(self.y.first, self.along_y, &mut first.y[..len]);
-        differences::<CENTRAL>(self.z.first, self.along_z, &mut first.z[..len]);
-        for x in [0, len - 1] {
-            let taps = axis.taps(x);
-            let [a, b, c] = taps.index;
-            let lines = [self.center, &first.y, &first.z];
-            let samples = [0, 1, 2].map(|line: usize| [lines[line][a], lines[line][b], lines[line][c]]);
-            (row_g[x], row_f2[x]) = operator.apply(self.partials::<CENTRAL, false>(x, &taps, samples));
-        }
-        if len < 3 {
+        if len < S::f32s::LEN + 2 {
+            for x in 0..len {
+                first.y[x] = difference::<CENTRAL>(self.y.first, column(self.along_y, x));
+                first.z[x] = difference::<CENTRAL>(self.z.first, column(self.along_z, x));
+            }
+            for x in 0..len {
+                (row_g[x], row_f2[x]) = operator.apply(self.partials::<CENTRAL>(x, &axis.taps(x), first));
+            }
             return;
         }
-        let taps = axis.taps(1);
-        for part in windows(len - 2) {
-            let start = part.start + 1;
-            if part.len() == WINDOW {
-                self.differentiate_inside::<CENTRAL>(start..start + WINDOW, &taps, operator, first, row_g, row_f2);
-            } else {
-                self.differentiate_inside::<CENTRAL>(start..part.end + 1, &taps, operator, first, row_g, row_f2);
-            }
+        self.first_derivatives::<S, CENTRAL>(simd, first);
+        self.differentiate_inside::<S, CENTRAL>(simd, &axis.taps(1), operator, first, row_g, row_f2);
+        for x in [0, len - 1] {
+            (row_g[x], row_f2[x]) = operator.apply(self.partials::<CENTRAL>(x, &axis.taps(x), first));
         }
     }
 
-    /// Samples that have a neighbour on both sides.
+    /// First derivatives along y and z of a row that is no shorter than a vector.
     #[inline(always)]
-    fn differentiate_inside<const CENTRAL: bool>(
+    fn first_derivatives<S: Simd, const CENTRAL: bool>(&self, simd: S, first: &mut FirstDerivatives) {
+        let len = self.center.len();
+        let (y, z) = (&mut first.y[..len], &mut first.z[..len]);
+        let (along_y, along_z) = (cut(self.along_y, len), cut(self.along_z, len));
+        let (y_weights, z_weights) = (splat(simd, self.y.first), splat(simd, self.z.first));
+        let mut x = 0;
+        loop {
+            let of_y = difference_lanes::<S, CENTRAL>(y_weights, lanes_of(simd, along_y, x));
+            let of_z = difference_lanes::<S, CENTRAL>(z_weights, lanes_of(simd, along_z, x));
+            of_y.store_slice(&mut y[x..][..S::f32s::LEN]);
+            of_z.store_slice(&mut z[x..][..S::f32s::LEN]);
+            if x + S::f32s::LEN == len {
+                break;
+            }
+            // The last vector overlaps the one before, so that nothing is left over.
+            x = (x + S::f32s::LEN).min(len - S::f32s::LEN);
+        }
+    }
+
+    /// The samples that have a neighbour on both sides, where there are as many as a vector holds.
+    ///
+    /// Functions and no closures, [`EdgeOperator::apply_to_lanes`] alike: std's `map` would be compiled without the level's
+    /// instructions, which made this several times slower.
+    #[inline(always)]
+    fn differentiate_inside<S: Simd, const CENTRAL: bool>(
         &self,
-        inside: Range<usize>,
+        simd: S,
         taps: &Taps,
         operator: EdgeOperator,
         first: &FirstDerivatives,
         row_g: &mut [f32],
         row_f2: &mut [f32],
     ) {
-        let rows = self.part(&inside);
-        let [value, y, z] = [shifted(self.center, &inside), shifted(&first.y, &inside), shifted(&first.z, &inside)];
-        let (row_g, row_f2) = (&mut row_g[inside.clone()], &mut row_f2[inside.clone()]);
-        for x in 0..inside.len() {
-            let samples =
-                [[value[0][x], value[1][x], value[2][x]], [y[0][x], y[1][x], y[2][x]], [z[0][x], z[1][x], z[2][x]]];
-            (row_g[x], row_f2[x]) = operator.apply(rows.partials::<CENTRAL, true>(x, taps, samples));
+        // One length for all, so that one comparison is enough for all.
+        let len = row_g.len();
+        let row_f2 = &mut row_f2[..len];
+        let (center, first_y, first_z) = (&self.center[..len], &first.y[..len], &first.z[..len]);
+        let [low, middle, high] = [cut(self.plane[0], len), cut(self.plane[1], len), cut(self.plane[2], len)];
+        let (along_y, along_z) = (cut(self.along_y, len), cut(self.along_z, len));
+        let [first_x_weights, first_y_weights, first_z_weights] =
+            [splat(simd, taps.first), splat(simd, self.y.first), splat(simd, self.z.first)];
+        let [second_x_weights, second_y_weights, second_z_weights] =
+            [splat(simd, taps.second), splat(simd, self.y.second), splat(simd, self.z.second)];
+        let end = len - 1;
+        let mut x = 1;
+        loop {
+            let (value, y, z) = (around(simd, center, x), around(simd, first_y, x), around(simd, first_z, x));
+            let of_middle = if CENTRAL {
+                S::f32s::splat(simd, 0.0)
+            } else {
+                difference_lanes::<S, false>(first_y_weights, lanes_of(simd, middle, x))
+            };
+            let yz = [
+                difference_lanes::<S, CENTRAL>(first_y_weights, lanes_of(simd, low, x)),
+                of_middle,
+                difference_lanes::<S, CENTRAL>(first_y_weights, lanes_of(simd, high, x)),
+            ];
+            let (g, f2) = operator.apply_to_lanes(
+                simd,
+                [
+                    difference_lanes::<S, true>(first_x_weights, value),
+                    y[1],
+                    z[1],
+                    difference_lanes::<S, false>(second_x_weights, value),
+                    difference_lanes::<S, false>(second_y_weights, lanes_of(simd, along_y, x)),
+                    difference_lanes::<S, false>(second_z_weights, lanes_of(simd, along_z, x)),
+                    difference_lanes::<S, true>(first_x_weights, y),
+                    difference_lanes::<S, true>(first_x_weights, z),
+                    difference_lanes::<S, CENTRAL>(first_z_weights, yz),
+                ],
+            );
+            g.store_slice(&mut row_g[x..][..S::f32s::LEN]);
+            f2.store_slice(&mut row_f2[x..][..S::f32s::LEN]);
+            if x + S::f32s::LEN == end {
+                break;
+            }
+            x = (x + S::f32s::LEN).min(end - S::f32s::LEN);
         }
     }
 
-    /// The partial derivatives at sample `x`; `samples` are the taps' values and first derivatives along y and z.
+    /// The partial derivatives at sample `x`.
     #[inline(always)]
-    fn partials<const CENTRAL: bool, const CENTRAL_X: bool>(
-        &self,
-        x: usize,
-        taps: &Taps,
-        [value, y, z]: [[f32; 3]; 3],
-    ) -> [f32; 9] {
-        let center = if CENTRAL_X { 1 } else { taps.center };
+    fn partials<const CENTRAL: bool>(&self, x: usize, taps: &Taps, first: &FirstDerivatives) -> [f32; 9] {
+        let [a, b, c] = taps.index;
+        let value = [self.center[a], self.center[b], self.center[c]];
+        let y = [first.y[a], first.y[b], first.y[c]];
+        let z = [first.z[a], first.z[b], first.z[c]];
         let [low, middle, high] = self.plane;
-        let along_y = |rows: [&[f32]; 3]| difference::<CENTRAL>(self.y.first, [rows[0][x], rows[1][x], rows[2][x]]);
-        let yz = [along_y(low), if CENTRAL { 0.0 } else { along_y(middle) }, along_y(high)];
+        let of_middle = if CENTRAL { 0.0 } else { weighted_sum(self.y.first, column(middle, x)) };
+        let yz = [
+            difference::<CENTRAL>(self.y.first, column(low, x)),
+            of_middle,
+            difference::<CENTRAL>(self.y.first, column(high, x)),
+        ];
         [
-            difference::<CENTRAL_X>(taps.first, value),
-            y[center],
-            z[center],
+            weighted_sum(taps.first, value),
+            y[taps.center],
+            z[taps.center],
             weighted_sum(taps.second, value),
-            weighted_sum(self.y.second, [self.along_y[0][x], self.along_y[1][x], self.along_y[2][x]]),
-            weighted_sum(self.z.second, [self.along_z[0][x], self.along_z[1][x], self.along_z[2][x]]),
-            difference::<CENTRAL_X>(taps.first, y),
-            difference::<CENTRAL_X>(taps.first, z),
+            weighted_sum(self.y.second, column(self.along_y, x)),
+            weighted_sum(self.z.second, column(self.along_z, x)),
+            weighted_sum(taps.first, y),
+            weighted_sum(taps.first, z),
             difference::<CENTRAL>(self.z.first, yz),
         ]
     }
 }
 
 #[inline(always)]
-fn part<'a>([a, b, c]: [&'a [f32]; 3], samples: &Range<usize>) -> [&'a [f32]; 3] {
-    [&a[samples.clone()], &b[samples.clone()], &c[samples.clone()]]
-}
-
-/// Some samples of a line, with those below and above them.
-#[inline(always)]
-fn shifted<'a>(line: &'a [f32], samples: &Range<usize>) -> [&'a [f32]; 3] {
-    let Range { start, end } = *samples;
-    [&line[start - 1..end - 1], &line[start..end], &line[start + 1..end + 1]]
+fn cut([a, b, c]: [&[f32]; 3], len: usize) -> [&[f32]; 3] {
+    [&a[..len], &b[..len], &c[..len]]
 }
 
 #[inline(always)]
-fn differences<const CENTRAL: bool>(weights: [f32; 3], [a, b, c]: [&[f32]; 3], out: &mut [f32]) {
-    let len = out.len();
-    let (a, b, c) = (&a[..len], &b[..len], &c[..len]);
-    for x in 0..len {
-        out[x] = difference::<CENTRAL>(weights, [a[x], b[x], c[x]]);
-    }
+fn column(rows: [&[f32]; 3], x: usize) -> [f32; 3] {
+    [rows[0][x], rows[1][x], rows[2][x]]
+}
+
+#[inline(always)]
+fn splat<S: Simd>(simd: S, [a, b, c]: [f32; 3]) -> [S::f32s; 3] {
+    [S::f32s::splat(simd, a), S::f32s::splat(simd, b), S::f32s::splat(simd, c)]
+}
+
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, row: &[f32], x: usize) -> S::f32s {
+    S::f32s::from_slice(simd, &row[x..][..S::f32s::LEN])
+}
+
+/// The same samples of three rows.
+#[inline(always)]
+fn lanes_of<S: Simd>(simd: S, [a, b, c]: [&[f32]; 3], x: usize) -> [S::f32s; 3] {
+    [lanes(simd, a, x), lanes(simd, b, x), lanes(simd, c, x)]
+}
+
+/// Samples of a row with those below and above them.
+#[inline(always)]
+fn around<S: Simd>(simd: S, row: &[f32], x: usize) -> [S::f32s; 3] {
+    [lanes(simd, row, x - 1), lanes(simd, row, x), lanes(simd, row, x + 1)]
 }
 
 /// [`weighted_sum`], where `CENTRAL` promises that the middle sample has no weight.
 #[inline(always)]
 fn difference<const CENTRAL: bool>(weights: [f32; 3], samples: [f32; 3]) -> f32 {
     if CENTRAL { weights[0] * samples[0] + weights[2] * samples[2] } else { weighted_sum(weights, samples) }
+}
+
+/// [`difference`], lane by lane.
+#[inline(always)]
+fn difference_lanes<S: Simd, const CENTRAL: bool>(weights: [S::f32s; 3], samples: [S::f32s; 3]) -> S::f32s {
+    let outer = weights[0] * samples[0] + weights[2] * samples[2];
+    if CENTRAL { outer } else { outer + weights[1] * samples[1] }
 }
 
 #[cfg(test)]
@@ -274,7 +329,7 @@ mod tests {
     }
 
     /// The naive twin: every partial derivative as a tensor product of one-dimensional stencils, voxel by voxel.
-    fn naive(field: &WorkingField) -> Vec<(f32, f32)> {
+    fn naive(field: &WorkingField, operator: EdgeOperator) -> Vec<(f32, f32)> {
         let [nx, ny, nz] = field.dims();
         let stencils = Stencils::new(field);
         let source = voxels(&field.values);
@@ -300,7 +355,7 @@ mod tests {
                     };
                     let [x, y, z] = &taps;
                     let (ix, iy, iz) = (one(x), one(y), one(z));
-                    out.push(EdgeOperator::SecondDerivative.apply([
+                    out.push(operator.apply([
                         product(x.first, iy, iz),
                         product(ix, y.first, iz),
                         product(ix, iy, z.first),
@@ -329,10 +384,16 @@ mod tests {
             let count = dims.iter().product::<u32>();
             let values = (0..count).map(|i| (i.wrapping_mul(2_654_435_761) ^ seed) as f32 / 1e9).collect();
             let field = field(dims, [1.0, 1.5, 2.25], values);
-            let fast = derivatives(&field, EdgeOperator::SecondDerivative);
-            let pairs = voxels(&fast.gradient_magnitude).iter().zip(voxels(&fast.second_derivative));
-            for (found, expected) in pairs.zip(naive(&field)) {
-                prop_assert_eq!((*found.0, *found.1), expected);
+            for operator in [EdgeOperator::SecondDerivative, EdgeOperator::Plus] {
+                let expected = naive(&field, operator);
+                for level in [Level::baseline(), simd::level()] {
+                    let mut fast = Derivatives::zeros(field.dims());
+                    derivatives_at(level, &field, operator, &mut fast);
+                    let pairs = voxels(&fast.gradient_magnitude).iter().zip(voxels(&fast.second_derivative));
+                    for (found, expected) in pairs.zip(&expected) {
+                        prop_assert_eq!((*found.0, *found.1), *expected);
+                    }
+                }
             }
         }
     }

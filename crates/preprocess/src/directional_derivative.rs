@@ -1,5 +1,6 @@
 //! Gradient magnitude and second derivative along the gradient: what they are, and the stencils of central differences.
 
+use fearless_simd::{Simd, prelude::*};
 use glam::Vec3;
 use ndarray::Array3;
 use voxrole_pack::scalar::par_range_within;
@@ -70,6 +71,26 @@ impl EdgeOperator {
         let edge = if edge.abs() <= EDGE_FLOOR { 0.0 } else { edge };
         // A NaN in the Hessian's samples alone must mask the magnitude too: 0 · NaN is NaN.
         (squared.sqrt() + 0.0 * edge, edge)
+    }
+
+    /// [`Self::apply`], lane by lane.
+    #[inline(always)]
+    pub(crate) fn apply_to_lanes<S: Simd>(
+        self,
+        simd: S,
+        [x, y, z, xx, yy, zz, xy, xz, yz]: [S::f32s; 9],
+    ) -> (S::f32s, S::f32s) {
+        let (zero, two) = (S::f32s::splat(simd, 0.0), S::f32s::splat(simd, 2.0));
+        let squared = x * x + y * y + z * z;
+        let along = (x * x * xx + y * y * yy + z * z * zz) + two * (x * y * xy + x * z * xz + y * z * yz);
+        let rises = squared.simd_gt(zero);
+        let second = along / rises.select(squared, S::f32s::splat(simd, 1.0));
+        let edge = match self {
+            Self::SecondDerivative => second,
+            Self::Plus => rises.select(S::f32s::splat(simd, 0.5) * (second + (xx + yy + zz)), second),
+        };
+        let edge = edge.abs().simd_le(S::f32s::splat(simd, EDGE_FLOOR)).select(zero, edge);
+        (squared.sqrt() + zero * edge, edge)
     }
 }
 

@@ -180,14 +180,31 @@ fn masks(dims: [usize; 3], spread: usize) -> Vec<usize> {
     axes.into_iter().flat_map(|axis| std::iter::repeat_n(axis, fitting(axis))).collect()
 }
 
+/// What the masks leave of the values around a voxel; `strides` lead to the next sample of each mask.
 fn residual(source: &[f32], voxel: usize, strides: &[usize]) -> f32 {
+    match strides {
+        // Volumes have one mask along each axis: spelled out, the estimate takes a third of the time.
+        &[x, y, z] => {
+            let line = |voxel: usize| mask([source[voxel - z], source[voxel], source[voxel + z]]);
+            let plane = |voxel: usize| mask([line(voxel - y), line(voxel), line(voxel + y)]);
+            mask([plane(voxel - x), plane(voxel), plane(voxel + x)])
+        }
+        _ => residual_of_any(source, voxel, strides),
+    }
+}
+
+/// [`residual`] for any number of masks.
+fn residual_of_any(source: &[f32], voxel: usize, strides: &[usize]) -> f32 {
     match strides {
         [] => source[voxel],
         [stride, rest @ ..] => {
-            let along = |voxel: usize| residual(source, voxel, rest);
-            (along(voxel - stride) + along(voxel + stride)) - 2.0 * along(voxel)
+            mask([voxel - stride, voxel, voxel + stride].map(|voxel| residual_of_any(source, voxel, rest)))
         }
     }
+}
+
+fn mask([below, own, above]: [f32; 3]) -> f32 {
+    (below + above) - 2.0 * own
 }
 
 /// Squared magnitude of the differences across a voxel along the masks' axes.
@@ -240,6 +257,15 @@ mod tests {
         assert!(residual_sigma(&[&field], 1) < 0.2 * residual_sigma(&[&field], WIDE));
         let found = f64::from(smoothed_noise_sigma(&[&field], &[1.0])) * field.value_scale;
         assert!((found / 0.02 - 1.0).abs() < 0.06, "{found}");
+    }
+
+    #[test]
+    fn three_masks_spelled_out_are_three_masks() {
+        let field = noisy(0.3, [9, 8, 7], |voxel| voxel as f32 / 99.0);
+        let source = voxels(&field.values);
+        for (voxel, strides) in [(9 * 8 + 9 + 1, [1, 9, 72]), (9 * 8 * 3 + 9 * 4 + 4, [2, 18, 144])] {
+            assert_eq!(residual(source, voxel, &strides), residual_of_any(source, voxel, &strides));
+        }
     }
 
     #[test]

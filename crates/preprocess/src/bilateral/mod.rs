@@ -12,6 +12,7 @@
 //! Boxes stay in the processor's caches: main memory is read and written once. Which way is taken depends on the values in a
 //! box and around it alone.
 
+mod convolution;
 mod expansion;
 mod moments;
 mod neighbourhood;

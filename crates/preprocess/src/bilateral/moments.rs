@@ -4,18 +4,18 @@
 //! convolution of `exp(−(1−ρ)·y²/2)·h_k(y)` with Wd alone, which is separable; and because y·h_k(y) is a sum of h_{k+1}(y)
 //! and h_{k−1}(y), the same moments give `Σ Wd·Wr·y`. The time grows with the radius, not with its cube.
 
+use fearless_simd::{Level, Simd, dispatch};
 use multiversion::multiversion;
 
+use super::convolution::{convolve_across, convolve_along};
 use super::expansion::{Expansion, Recurrence};
 use super::padded_box::{LANES, MISSING, PaddedBox};
 use super::range_weight::exp_of_negative;
-
-/// Samples that are convolved at once.
-const BLOCK: usize = 32;
+use crate::simd;
 
 /// Samples of a slice that go through all the functions of y, and are convolved along z, while the first-level cache holds
 /// them.
-const STRIP: usize = 4 * BLOCK;
+const STRIP: usize = 128;
 
 /// Range weights for the samples of one box, which are taken as differences to `middle` in multiples of `sigma`.
 #[derive(Clone, Debug)]
@@ -52,6 +52,11 @@ impl Moments {
     /// Computes all functions of y in the window of a box of `depth` slices, and convolves them along z. Weights are those
     /// of the voxel itself and its neighbours on one side.
     pub fn load(&mut self, window: &PaddedBox, depth: usize, range: &RangeExpansion, weights: &[f32]) {
+        self.load_at(simd::level(), window, depth, range, weights);
+    }
+
+    /// [`Self::load`] with vectors of a level; the bits are those of any other.
+    fn load_at(&mut self, level: Level, window: &PaddedBox, depth: usize, range: &RangeExpansion, weights: &[f32]) {
         self.strides = window.strides;
         self.depth = depth;
         let strip_len = STRIP * (depth + 2 * (weights.len() - 1));
@@ -59,37 +64,30 @@ impl Moments {
             strip.resize(strip_len, 0.0);
         }
         let slice = self.strides[1];
-        self.along_z.resize(slice * depth * (range.expansion.terms() + 1) + BLOCK, 0.0);
+        self.along_z.resize(slice * depth * (range.expansion.terms() + 1), 0.0);
         for start in (0..slice).step_by(STRIP) {
-            load_strip(self, &window.samples, start, range, weights);
+            dispatch!(level, simd => load_strip(simd, self, &window.samples, start, range, weights));
         }
     }
 
     /// Computes the moments of slice z of the box, which has `height` rows.
     pub fn load_slice(&mut self, z: usize, height: usize, along_x: &[f32], along_y: &[f32]) {
+        self.load_slice_at(simd::level(), z, height, along_x, along_y);
+    }
+
+    /// [`Self::load_slice`] with vectors of a level; the bits are those of any other.
+    fn load_slice_at(&mut self, level: Level, z: usize, height: usize, along_x: &[f32], along_y: &[f32]) {
         self.slice_len = self.strides[0] * height;
-        // Blocks reach beyond the last row.
-        self.along_y.resize(self.slice_len + 2 * along_x.len() + BLOCK, 0.0);
+        // Vectors reach beyond the last row.
+        self.along_y.resize(self.slice_len + 2 * along_x.len() + LANES, 0.0);
         self.slice.resize(self.slice_len * (self.along_z.len() / (self.strides[1] * self.depth)), 0.0);
-        convolve_slice(self, z, along_x, along_y);
+        dispatch!(level, simd => convolve_slice(simd, self, z, along_x, along_y));
     }
 
     /// The filtered samples of row y of the slice. `samples` are those to be filtered; `out` is of whole [`LANES`].
     pub fn filter_row(&self, y: usize, samples: &[f32], range: &RangeExpansion, out: &mut [f32]) {
         filter_row(&self.slice[y * self.strides[0]..], self.slice_len, samples, range, out);
     }
-}
-
-/// [`load_strip_plainly`].
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn load_strip(moments: &mut Moments, samples: &[f32], start: usize, range: &RangeExpansion, weights: &[f32]) {
-    load_strip_plainly(moments, samples, start, range, weights);
-}
-
-/// [`convolve_slice_plainly`].
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn convolve_slice(moments: &mut Moments, z: usize, weights_x: &[f32], weights_y: &[f32]) {
-    convolve_slice_plainly(moments, z, weights_x, weights_y);
 }
 
 /// [`filter_row_plainly`].
@@ -100,12 +98,19 @@ fn filter_row(moments: &[f32], moment_len: usize, samples: &[f32], range: &Range
 
 /// Does what [`Moments::load`] does for the samples from `start` on of every slice.
 #[inline(always)]
-fn load_strip_plainly(moments: &mut Moments, samples: &[f32], start: usize, range: &RangeExpansion, weights: &[f32]) {
+fn load_strip<S: Simd>(
+    simd: S,
+    moments: &mut Moments,
+    samples: &[f32],
+    start: usize,
+    range: &RangeExpansion,
+    weights: &[f32],
+) {
     let Moments { strides: [_, slice], depth, places, current, previous, along_z, .. } = moments;
     let len = STRIP.min(*slice - start);
-    let strips = places.chunks_exact_mut(STRIP).zip(current.chunks_exact_mut(STRIP));
-    for (samples, (places, current)) in samples.chunks_exact(*slice).zip(strips) {
-        begin(&samples[start..][..len], range, places, current);
+    for plane in 0..samples.len() / *slice {
+        let strip = plane * STRIP..plane * STRIP + len;
+        begin(&samples[plane * *slice + start..][..len], range, &mut places[strip.clone()], &mut current[strip]);
     }
     previous.fill(0.0);
     for k in 0..=range.expansion.terms() {
@@ -113,21 +118,20 @@ fn load_strip_plainly(moments: &mut Moments, samples: &[f32], start: usize, rang
             advance(places, current, previous, range.expansion.recurrence[k - 1]);
             std::mem::swap(current, previous);
         }
-        for z in 0..*depth {
-            let out = &mut along_z[(k * *depth + z) * *slice + start..][..len];
-            convolve(current, out, (z + weights.len() - 1) * STRIP, STRIP, weights);
-        }
+        let out = &mut along_z[k * *depth * *slice + start..];
+        convolve_across(simd, current, out, [STRIP, *slice], [len, *depth], weights);
     }
 }
 
 /// Does what [`Moments::load_slice`] does.
 #[inline(always)]
-fn convolve_slice_plainly(moments: &mut Moments, z: usize, weights_x: &[f32], weights_y: &[f32]) {
+fn convolve_slice<S: Simd>(simd: S, moments: &mut Moments, z: usize, weights_x: &[f32], weights_y: &[f32]) {
     let Moments { strides: [row, slice], depth, along_z, along_y, slice: out, slice_len, .. } = moments;
-    for (k, out) in out.chunks_exact_mut(*slice_len).enumerate() {
+    let height = *slice_len / *row;
+    for k in 0..out.len() / *slice_len {
         let source = &along_z[(k * *depth + z) * *slice..];
-        convolve(source, &mut along_y[..*slice_len], (weights_y.len() - 1) * *row, *row, weights_y);
-        convolve(along_y, out, weights_x.len() - 1, 1, weights_x);
+        convolve_across(simd, source, along_y, [*row; 2], [*row, height], weights_y);
+        convolve_along(simd, along_y, &mut out[k * *slice_len..][..*slice_len], weights_x);
     }
 }
 
@@ -149,36 +153,6 @@ fn advance(places: &[f32], current: &[f32], previous: &mut [f32], step: Recurren
     for ((&place, &current), previous) in places.iter().zip(current).zip(previous) {
         *previous = step.forward * place * current - step.backward * *previous;
     }
-}
-
-/// Convolves the samples from `first` on with weights that are the same on both sides; reads on to whole blocks.
-#[inline(always)]
-fn convolve(source: &[f32], out: &mut [f32], first: usize, stride: usize, weights: &[f32]) {
-    let (blocks, rest) = out.as_chunks_mut::<BLOCK>();
-    let rest_at = first + blocks.len() * BLOCK;
-    for (block, out) in blocks.iter_mut().enumerate() {
-        *out = convolve_block(source, first + block * BLOCK, stride, weights);
-    }
-    if !rest.is_empty() {
-        rest.copy_from_slice(&convolve_block(source, rest_at, stride, weights)[..rest.len()]);
-    }
-}
-
-#[inline(always)]
-fn convolve_block(source: &[f32], place: usize, stride: usize, weights: &[f32]) -> [f32; BLOCK] {
-    let center = block_at::<BLOCK>(source, place);
-    let mut sums = [0.0; BLOCK];
-    for lane in 0..BLOCK {
-        sums[lane] = weights[0] * center[lane];
-    }
-    for (steps, &weight) in weights.iter().enumerate().skip(1) {
-        let before = block_at::<BLOCK>(source, place - steps * stride);
-        let after = block_at::<BLOCK>(source, place + steps * stride);
-        for lane in 0..BLOCK {
-            sums[lane] += weight * (before[lane] + after[lane]);
-        }
-    }
-    sums
 }
 
 /// Does what [`Moments::filter_row`] does.
@@ -240,15 +214,9 @@ mod tests {
         let samples = &window.samples[window.row_start([4, 3])..];
         fast.filter_row(4, samples, &range, &mut out[0]);
 
-        // Called from here, these are compiled for the baseline processor.
-        plain.load(&window, 5, &range, &weights);
-        plain.along_z.fill(0.0);
-        for start in (0..window.strides[1]).step_by(STRIP) {
-            load_strip_plainly(&mut plain, &window.samples, start, &range, &weights);
-        }
-        plain.load_slice(3, 9, &weights, &weights);
-        plain.slice.fill(0.0);
-        convolve_slice_plainly(&mut plain, 3, &weights, &weights);
+        plain.load_at(Level::baseline(), &window, 5, &range, &weights);
+        plain.load_slice_at(Level::baseline(), 3, 9, &weights, &weights);
+        // Called from here, this is compiled for the baseline processor.
         let moments = &plain.slice[4 * plain.strides[0]..];
         filter_row_plainly(moments, plain.slice_len, samples, &range, &mut out[1]);
 
