@@ -10,7 +10,7 @@ use voxrole_preprocess::console::tell;
 
 use crate::device_args::DeviceArgs;
 use crate::reference::{RayMarcher, SampleCounts};
-use crate::render::{Gpu, Renderer, Target};
+use crate::render::{DeviceMemory, Gpu, Renderer, Target};
 use crate::scene::scale_bar::{draw_over_light, draw_over_picture};
 use crate::scene::{ScaleBar, Surfaces};
 use crate::state::{Camera, ViewState};
@@ -40,15 +40,15 @@ pub struct OnGpu {
     target: Target,
     state: ViewState,
     volume: TexelSource,
-    budget: Option<u64>,
+    memory: DeviceMemory,
 }
 
 impl OnGpu {
-    fn new(gpu: Gpu, volume: TexelSource, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+    fn new(gpu: Gpu, volume: TexelSource, state: &ViewState, memory: DeviceMemory) -> Result<Self> {
         let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let mut renderer = Renderer::new(&gpu, &volume, budget)?;
+        let mut renderer = Renderer::new(&gpu, &volume, memory)?;
         renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of_source(state, &volume)?), target.size())?;
-        Ok(Self { gpu, renderer, target, state: state.clone(), volume, budget })
+        Ok(Self { gpu, renderer, target, state: state.clone(), volume, memory })
     }
 
     fn draw(&mut self, camera: &Camera) -> Result<Picture> {
@@ -67,7 +67,7 @@ impl OnGpu {
         match self.draw(camera) {
             Err(error @ Error::Device { .. }) => {
                 tell(format!("voxrole-view: {error}; opening it again"));
-                *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.budget)?;
+                *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.memory)?;
                 self.draw(camera)
             }
             drawn => drawn,
@@ -94,20 +94,26 @@ impl<'a> Drawing<'a> {
         };
         if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
             // The same picture, in a fraction of the time.
-            let bound = if device.gpu_memory.is_some() { "; --gpu-memory counts with --gpu" } else { "" };
+            let bound =
+                if device.memory() == DeviceMemory::default() { "" } else { "; --gpu-memory and --normals count with --gpu" };
             tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher{bound}", gpu.name));
             return Self::on_cpu(texels, state);
         }
         tell(format!("voxrole-view: drawing on {}", gpu.name));
-        Self::on_gpu(gpu, volume, state, device.gpu_memory)
+        Self::on_gpu(gpu, volume, state, device.memory())
     }
 
-    /// On a device, of whose memory the volume takes `budget` bytes at most.
+    /// On a device, of whose memory the volume takes so much.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn on_gpu(gpu: Gpu, volume: impl Into<TexelSource>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
-        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume.into(), state, budget)?)))
+    pub fn on_gpu(
+        gpu: Gpu,
+        volume: impl Into<TexelSource>,
+        state: &ViewState,
+        memory: impl Into<DeviceMemory>,
+    ) -> Result<Self> {
+        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume.into(), state, memory.into())?)))
     }
 
     /// On the CPU.
@@ -116,6 +122,15 @@ impl<'a> Drawing<'a> {
     /// [`Error::PictureSize`]; as [`Surfaces::new`].
     pub fn on_cpu(volume: &'a VolumeTexels, state: &ViewState) -> Result<Self> {
         Ok(Self::Cpu(Box::new(RayMarcher::new(volume, state, state.render_settings.image_size)?)))
+    }
+
+    /// What the volume takes of a GPU's memory, where one draws.
+    #[must_use]
+    pub fn volume_bytes(&self) -> Option<u64> {
+        match self {
+            Self::Cpu(_) => None,
+            Self::Gpu(on_gpu) => Some(on_gpu.renderer.volume_bytes()),
+        }
     }
 
     /// The picture from a camera.

@@ -17,6 +17,7 @@ use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
+use crate::render::DeviceMemory;
 use crate::state::{Camera, Classification, Region, Technique, TransferFunction, ViewState};
 use crate::streaming::TexelSource;
 use crate::streaming::memory_bound::bound;
@@ -77,6 +78,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
             let saved = 100.0 * samples.saved();
             tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
         }
+        if let Some(bytes) = drawing.volume_bytes() {
+            tell(format!("voxrole-view: the volume takes {bytes} bytes of the GPU"));
+        }
         if let TexelSource::File(packed) = &volume {
             let (unpacked, all) = (packed.bricks_unpacked(), packed.grid().len());
             tell(format!("voxrole-view: {unpacked} bricks unpacked for rays, of {all} in the file"));
@@ -129,8 +133,8 @@ impl<'a> Outputs<'a> {
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
         let need_light = is_deep || *transparent || depth.is_some();
         refuse_if(
-            need_light && (arguments.device.gpu || arguments.device.gpu_memory.is_some()),
-            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu and --gpu-memory out, or them",
+            need_light && (arguments.device.gpu || arguments.device.memory() != DeviceMemory::default()),
+            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu, --gpu-memory and --normals out, or them",
         )?;
         let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();

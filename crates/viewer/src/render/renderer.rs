@@ -8,6 +8,7 @@ use wgpu::{BindGroup, TextureView};
 use super::bindings::Bindings;
 use super::brick_atlas::BrickAtlas;
 use super::brick_march::{BrickMarch, MOST_OF_STEP};
+use super::device_memory::DeviceMemory;
 use super::geometry::Geometry;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
@@ -15,7 +16,7 @@ use super::ray_march::RayMarch;
 use super::slicing::SliceBlending;
 use super::target::Target;
 use super::uniforms::Uniforms;
-use super::volume_textures::{VolumeTextures, too_large};
+use super::volume_textures::{VolumeTextures, WholeVolume, too_large};
 use crate::Result;
 use crate::classify::MacrocellRanges;
 use crate::scene::Surfaces;
@@ -40,37 +41,38 @@ pub struct Renderer {
 
 /// What of the volume is there, and how it is drawn.
 enum Passes {
-    Whole([TextureView; 2], RayMarch),
+    Whole(WholeVolume, RayMarch),
     Bricks(Box<(BrickAtlas, BrickMarch)>),
 }
 
 impl Passes {
     /// What a shader reads of the volume.
-    fn views(&self) -> [TextureView; 2] {
+    fn views(&self) -> [TextureView; 4] {
         match self {
-            Self::Whole(views, _) => views.clone(),
+            Self::Whole(volume, _) => volume.views(),
             Self::Bricks(bricks) => bricks.0.views(),
         }
     }
 }
 
 impl Renderer {
-    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes,
-    /// or than the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
+    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than it may, or than
+    /// the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
     /// to be seen; others are no longer needed afterwards.
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the
-    /// device refuses the shaders; as [`MacrocellRanges::of`].
-    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, budget: Option<u64>) -> Result<Self> {
-        let volume = &volume.into();
-        let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
+    /// device refuses the shaders, [`crate::Error::Normals`] when normals are to be compressed and the device has no such
+    /// textures or no room for all of the volume; as [`MacrocellRanges::of`].
+    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, memory: impl Into<DeviceMemory>) -> Result<Self> {
+        let (volume, memory) = (&volume.into(), memory.into());
+        let volume_textures = VolumeTextures::new(gpu, volume, memory)?;
         let ranges = MacrocellRanges::of(volume)?;
         gpu.checked("preparing to draw", || {
             let lookup_textures = LookupTextures::new(gpu, volume, ranges);
-            let bindings = Bindings::new(gpu);
+            let bindings = Bindings::new(gpu, memory.normals);
             let passes = match volume_textures {
-                VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
+                VolumeTextures::Whole(volume) => Passes::Whole(volume, RayMarch::new(gpu, &bindings)),
                 VolumeTextures::Bricks(atlas) => Passes::Bricks(Box::new((atlas, BrickMarch::new(gpu, &bindings)))),
             };
             let geometry = Geometry::new(gpu, bindings.uniforms());
@@ -117,6 +119,15 @@ impl Renderer {
     /// [`crate::Error::Device`] when the device's memory does not suffice.
     pub fn prepare_scene(&mut self, scene: &Scene, surfaces: &Arc<Surfaces>, size: [u32; 2]) -> Result<()> {
         self.geometry.prepare(&self.gpu, scene, surfaces, size)
+    }
+
+    /// What the volume takes of the device's memory, apart from what is made of it.
+    #[must_use]
+    pub fn volume_bytes(&self) -> u64 {
+        match &self.passes {
+            Passes::Whole(volume, _) => volume.bytes(),
+            Passes::Bricks(bricks) => bricks.0.bytes(),
+        }
     }
 
     /// How many bricks were brought to the device so far, where there is no room for all of the volume.

@@ -4,6 +4,7 @@ mod artifacts;
 mod bricks;
 mod by_value;
 mod clipping;
+mod compressed_normals;
 mod cpu_gpu;
 mod integration;
 mod occlusion;
