@@ -116,8 +116,8 @@ pub struct RenderArgs {
     /// Take every sample: leap over nothing, end no ray early. The picture is the same.
     #[arg(long)]
     pub no_skip: bool,
-    /// Say how long drawing took and, on the CPU, how many samples it needed; of a volume that stays in its file, how many
-    /// bricks.
+    /// Say how long drawing took and how many samples it needed, on a GPU along rays through a volume that it has all of; what
+    /// the volume takes of a GPU; and of a volume that stays in its file, how many bricks were unpacked.
     #[arg(long)]
     pub stats: bool,
     /// What is drawn.

@@ -41,6 +41,8 @@ pub struct OnGpu {
     state: ViewState,
     volume: TexelSource,
     memory: DeviceMemory,
+    /// Whether samples are counted.
+    counts: bool,
 }
 
 impl OnGpu {
@@ -48,7 +50,12 @@ impl OnGpu {
         let target = Target::new(&gpu, state.render_settings.image_size)?;
         let mut renderer = Renderer::new(&gpu, &volume, memory)?;
         renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of_source(state, &volume)?), target.size())?;
-        Ok(Self { gpu, renderer, target, state: state.clone(), volume, memory })
+        Ok(Self { gpu, renderer, target, state: state.clone(), volume, memory, counts: false })
+    }
+
+    fn count_samples(&mut self) -> Result<()> {
+        self.counts = true;
+        self.renderer.count_samples()
     }
 
     fn draw(&mut self, camera: &Camera) -> Result<Picture> {
@@ -67,7 +74,11 @@ impl OnGpu {
         match self.draw(camera) {
             Err(error @ Error::Device { .. }) => {
                 tell(format!("voxrole-view: {error}; opening it again"));
+                let counts = self.counts;
                 *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.memory)?;
+                if counts {
+                    self.count_samples()?;
+                }
                 self.draw(camera)
             }
             drawn => drawn,
@@ -94,8 +105,11 @@ impl<'a> Drawing<'a> {
         };
         if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
             // The same picture, in a fraction of the time.
-            let bound =
-                if device.memory() == DeviceMemory::default() { "" } else { "; --gpu-memory and --normals count with --gpu" };
+            let bound = if device.memory() == DeviceMemory::default() {
+                ""
+            } else {
+                "; --gpu-memory and --normals count with --gpu"
+            };
             tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher{bound}", gpu.name));
             return Self::on_cpu(texels, state);
         }
@@ -124,6 +138,17 @@ impl<'a> Drawing<'a> {
         Ok(Self::Cpu(Box::new(RayMarcher::new(volume, state, state.render_settings.image_size)?)))
     }
 
+    /// Counts samples from now on, which the CPU always does: on a GPU those of rays through a volume that is there as a whole.
+    ///
+    /// # Errors
+    /// [`Error::Device`] when the device refuses.
+    pub fn count_samples(&mut self) -> Result<()> {
+        match self {
+            Self::Cpu(_) => Ok(()),
+            Self::Gpu(on_gpu) => on_gpu.count_samples(),
+        }
+    }
+
     /// What the volume takes of a GPU's memory, where one draws.
     #[must_use]
     pub fn volume_bytes(&self) -> Option<u64> {
@@ -150,7 +175,7 @@ impl<'a> Drawing<'a> {
             }
             Self::Gpu(on_gpu) => {
                 let picture = on_gpu.draw_again_if_lost(camera)?;
-                Ok(Drawn { picture, light: None, samples: None })
+                Ok(Drawn { picture, light: None, samples: on_gpu.renderer.samples()? })
             }
         }
     }
@@ -185,12 +210,12 @@ pub(crate) fn scale_bar(state: &ViewState, volume: &VolumeDescription) -> Option
     wanted.flatten()
 }
 
-/// A picture, and on the CPU what it was made of.
+/// A picture, and what it was made of.
 pub struct Drawn {
     /// Over the background.
     pub picture: Picture,
-    /// At full precision.
+    /// At full precision, on the CPU.
     pub light: Option<LightPicture>,
-    /// How many samples were taken.
+    /// How many samples were taken, where they were counted.
     pub samples: Option<SampleCounts>,
 }

@@ -66,6 +66,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         Drawing::new(&volume, &state, arguments.device)
     };
     let mut drawing = drawing.with_context(named)?;
+    if arguments.stats {
+        drawing.count_samples().with_context(named)?;
+    }
     let ready = start.elapsed().as_secs_f64() - reading;
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;

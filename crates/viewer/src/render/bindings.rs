@@ -122,6 +122,7 @@ impl Bindings {
         let compilation_options = PipelineCompilationOptions {
             constants: &[
                 ("HAS_BRICKS", f64::from(u8::from(pass.has_bricks))),
+                ("COUNTS", f64::from(u8::from(pass.counts))),
                 ("HAS_COMPRESSED_NORMALS", f64::from(u8::from(self.normals == Normals::Compressed))),
             ],
             ..PipelineCompilationOptions::default()
@@ -164,6 +165,8 @@ pub struct Pass<'a> {
     pub entry_point: &'a str,
     /// Whether the volume is there brick by brick.
     pub has_bricks: bool,
+    /// Whether samples are counted.
+    pub counts: bool,
     /// What it binds of its own.
     pub own: Option<&'a BindGroupLayout>,
     /// What is drawn into.
@@ -175,7 +178,15 @@ pub struct Pass<'a> {
 impl<'a> Pass<'a> {
     /// One triangle over what is drawn into, whose pixels replace what is there, for a volume that is there as a whole.
     pub fn new(entry_point: &'a str, formats: &'a [TextureFormat]) -> Self {
-        Self { vertices: ("vertex_main", &[]), entry_point, has_bricks: false, own: None, formats, blend: None }
+        Self {
+            vertices: ("vertex_main", &[]),
+            entry_point,
+            has_bricks: false,
+            counts: false,
+            own: None,
+            formats,
+            blend: None,
+        }
     }
 }
 

@@ -8,8 +8,7 @@ use wgpu::{
 use crate::{Error, Result};
 
 /// What 3D textures of compressed blocks take.
-const COMPRESSED_VOLUMES: Features =
-    Features::TEXTURE_COMPRESSION_BC.union(Features::TEXTURE_COMPRESSION_BC_SLICED_3D);
+const COMPRESSED_VOLUMES: Features = Features::TEXTURE_COMPRESSION_BC.union(Features::TEXTURE_COMPRESSION_BC_SLICED_3D);
 
 /// A device, its queue and what it is called. Cheap to clone: all clones are the same device.
 #[derive(Clone, Debug)]

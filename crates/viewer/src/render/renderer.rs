@@ -19,6 +19,7 @@ use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, WholeVolume, too_large};
 use crate::Result;
 use crate::classify::MacrocellRanges;
+use crate::reference::SampleCounts;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, ViewState};
 use crate::streaming::TexelSource;
@@ -130,6 +131,30 @@ impl Renderer {
         }
     }
 
+    /// Counts the samples of pictures from now on: those of rays through a volume that is there as a whole.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device refuses the shaders.
+    pub fn count_samples(&mut self) -> Result<()> {
+        let Self { gpu, passes, bindings, .. } = self;
+        match passes {
+            Passes::Whole(_, march) => gpu.checked("preparing to count", || march.count_samples(gpu, bindings)),
+            Passes::Bricks(_) => Ok(()),
+        }
+    }
+
+    /// How many samples the last picture took, where they are counted: the CPU's numbers, but for rays on which the two round
+    /// differently.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device is lost.
+    pub fn samples(&self) -> Result<Option<SampleCounts>> {
+        match &self.passes {
+            Passes::Whole(_, march) => march.samples(&self.gpu),
+            Passes::Bricks(_) => Ok(None),
+        }
+    }
+
     /// How many bricks were brought to the device so far, where there is no room for all of the volume.
     #[must_use]
     pub fn bricks_uploaded(&self) -> Option<u64> {
@@ -185,9 +210,9 @@ impl Renderer {
         match &mut self.passes {
             Passes::Whole(_, march) => {
                 let Some(slicing) = &frame.slicing else {
-                    march.draw_rows(gpu, &self.bind_group, target, rows);
-                    return Ok(());
+                    return march.draw_rows(gpu, &self.bind_group, target, rows);
                 };
+                march.forget_samples();
                 let slice_blending = match self.slice_blending.take() {
                     Some(slice_blending) => slice_blending,
                     None => SliceBlending::new(gpu, &self.bindings)?,

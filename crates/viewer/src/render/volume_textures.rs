@@ -71,7 +71,9 @@ impl VolumeTextures {
             let fits = is_short && budget.is_none_or(|budget| compressed_bytes(dims) <= budget);
             return match source {
                 TexelSource::Memory(volume) if fits => WholeVolume::compressed(gpu, volume).map(Self::Whole),
-                _ => Err(memory.normals.refused(gpu, "there is no room for all of the volume, and bricks have exact ones")),
+                _ => Err(memory
+                    .normals
+                    .refused(gpu, "there is no room for all of the volume, and bricks have exact ones")),
             };
         }
         let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;
@@ -208,11 +210,7 @@ fn write_box(gpu: &Gpu, texture: &Texture, origin: Origin3d, size: Extent3d, byt
 }
 
 /// Hands a volume over slab by slab.
-fn for_each_slab(
-    gpu: &Gpu,
-    volume: &VolumeTexels,
-    write: impl Fn(Origin3d, Extent3d, &[[u16; 4]]),
-) {
+fn for_each_slab(gpu: &Gpu, volume: &VolumeTexels, write: impl Fn(Origin3d, Extent3d, &[[u16; 4]])) {
     let [width, height, _] = volume.description.texel_dims();
     let slice = width as usize * height as usize;
     let slices_at_once = (UPLOAD_BYTES / (slice * BYTES_PER_TEXEL)).max(1);

@@ -46,7 +46,12 @@ impl GpuDrawer {
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when the volume does not fit, [`crate::Error::Device`] when the device refuses.
-    pub fn new(render_state: &RenderState, gpu: &Gpu, volume: &Arc<VolumeTexels>, memory: DeviceMemory) -> Result<Self> {
+    pub fn new(
+        render_state: &RenderState,
+        gpu: &Gpu,
+        volume: &Arc<VolumeTexels>,
+        memory: DeviceMemory,
+    ) -> Result<Self> {
         Ok(Self {
             render_state: render_state.clone(),
             renderer: Renderer::new(gpu, volume, memory)?,

@@ -37,6 +37,7 @@ fn pictures_differ_by_little_and_memory_by_an_eighth() {
         renderer.draw(&state, &target).expect("is drawn");
         let compressed = target.read_back(&gpu).expect("a picture");
         let (rmse, most) = difference(&draw_on_cpu(&volume, &state), &compressed);
+        println!("{name}: {rmse:.3} rms, {most} at most");
         assert!(rmse > 0.0 && rmse < 4.0 && most < 64, "{name}: {rmse} rms, {most} at most");
 
         // Opacity by value alone: normals give light and nothing else.
@@ -47,6 +48,7 @@ fn pictures_differ_by_little_and_memory_by_an_eighth() {
             target.read_back(&gpu).expect("a picture")
         });
         let (rmse, most) = difference(&of_exact, &of_compressed);
+        println!("{name} by value: {rmse:.3} rms, {most} at most");
         assert!(rmse < 4.0 && most < 64, "{name} by value: {rmse} rms, {most} at most");
     }
 }

@@ -5,6 +5,7 @@ mod bricks;
 mod by_value;
 mod clipping;
 mod compressed_normals;
+mod counting;
 mod cpu_gpu;
 mod integration;
 mod occlusion;

@@ -5,6 +5,8 @@ const MOST_PLANES: u32 = 10u;
 const BRICK: i32 = 32;
 // Whether the volume is there brick by brick.
 override HAS_BRICKS: bool = false;
+// Whether rays count their samples.
+override COUNTS: bool = false;
 // Whether its normals and gradient magnitudes have textures of their own.
 override HAS_COMPRESSED_NORMALS: bool = false;
 
