@@ -4,7 +4,7 @@
 //! A block keeps the ends of a range of each channel and 16 places of eight within. Coordinates that jump would spread it: those
 //! of the whole octahedron do where it is folded. So what is kept is a place on its upper half, turned by 45° to fill the square
 //! (Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2), 2014, hemi-oct), with lower
-//! normals mirrored into it, and which half it is stands in the lowest bit of the gradient magnitude. On engine that is off by 3.3
+//! normals mirrored into it, and which half it is stands in the lowest bit of the gradient magnitude. In engine's middle that is off by 3.3
 //! degrees on average, the whole octahedron by 4.6, x and y of the normal by 4.8.
 
 use rayon::prelude::*;

@@ -42,7 +42,7 @@ pub struct Renderer {
 
 /// What of the volume is there, and how it is drawn.
 enum Passes {
-    Whole(WholeVolume, RayMarch),
+    Whole(Box<(WholeVolume, RayMarch)>),
     Bricks(Box<(BrickAtlas, BrickMarch)>),
 }
 
@@ -50,7 +50,7 @@ impl Passes {
     /// What a shader reads of the volume.
     fn views(&self) -> [TextureView; 4] {
         match self {
-            Self::Whole(volume, _) => volume.views(),
+            Self::Whole(whole) => whole.0.views(),
             Self::Bricks(bricks) => bricks.0.views(),
         }
     }
@@ -73,7 +73,7 @@ impl Renderer {
             let lookup_textures = LookupTextures::new(gpu, volume, ranges);
             let bindings = Bindings::new(gpu, memory.normals);
             let passes = match volume_textures {
-                VolumeTextures::Whole(volume) => Passes::Whole(volume, RayMarch::new(gpu, &bindings)),
+                VolumeTextures::Whole(volume) => Passes::Whole(Box::new((volume, RayMarch::new(gpu, &bindings)))),
                 VolumeTextures::Bricks(atlas) => Passes::Bricks(Box::new((atlas, BrickMarch::new(gpu, &bindings)))),
             };
             let geometry = Geometry::new(gpu, bindings.uniforms());
@@ -126,7 +126,7 @@ impl Renderer {
     #[must_use]
     pub fn volume_bytes(&self) -> u64 {
         match &self.passes {
-            Passes::Whole(volume, _) => volume.bytes(),
+            Passes::Whole(whole) => whole.0.bytes(),
             Passes::Bricks(bricks) => bricks.0.bytes(),
         }
     }
@@ -138,7 +138,7 @@ impl Renderer {
     pub fn count_samples(&mut self) -> Result<()> {
         let Self { gpu, passes, bindings, .. } = self;
         match passes {
-            Passes::Whole(_, march) => gpu.checked("preparing to count", || march.count_samples(gpu, bindings)),
+            Passes::Whole(whole) => gpu.checked("preparing to count", || whole.1.count_samples(gpu, bindings)),
             Passes::Bricks(_) => Ok(()),
         }
     }
@@ -150,7 +150,7 @@ impl Renderer {
     /// [`crate::Error::Device`] when the device is lost.
     pub fn samples(&self) -> Result<Option<SampleCounts>> {
         match &self.passes {
-            Passes::Whole(_, march) => march.samples(&self.gpu),
+            Passes::Whole(whole) => whole.1.samples(&self.gpu),
             Passes::Bricks(_) => Ok(None),
         }
     }
@@ -208,7 +208,8 @@ impl Renderer {
         self.geometry.draw(gpu, state, &self.volume, &frame);
         let is_by_value = frame.classification == Classification::Value;
         match &mut self.passes {
-            Passes::Whole(_, march) => {
+            Passes::Whole(whole) => {
+                let (_, march) = &mut **whole;
                 let Some(slicing) = &frame.slicing else {
                     return march.draw_rows(gpu, &self.bind_group, target, rows);
                 };

@@ -38,7 +38,7 @@ fn pictures_differ_by_little_and_memory_by_an_eighth() {
         let compressed = target.read_back(&gpu).expect("a picture");
         let (rmse, most) = difference(&draw_on_cpu(&volume, &state), &compressed);
         println!("{name}: {rmse:.3} rms, {most} at most");
-        assert!(rmse > 0.0 && rmse < 4.0 && most < 64, "{name}: {rmse} rms, {most} at most");
+        assert!(rmse > 0.0 && rmse < 0.5 && most < 8, "{name}: {rmse} rms, {most} at most");
 
         // Opacity by value alone: normals give light and nothing else.
         state.transfer_function.classification = Classification::Value;
@@ -49,7 +49,7 @@ fn pictures_differ_by_little_and_memory_by_an_eighth() {
         });
         let (rmse, most) = difference(&of_exact, &of_compressed);
         println!("{name} by value: {rmse:.3} rms, {most} at most");
-        assert!(rmse < 4.0 && most < 64, "{name} by value: {rmse} rms, {most} at most");
+        assert!(rmse < 0.5 && most < 8, "{name} by value: {rmse} rms, {most} at most");
     }
 }
 
