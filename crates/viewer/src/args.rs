@@ -116,8 +116,8 @@ pub struct RenderArgs {
     /// Take every sample: leap over nothing, end no ray early. The picture is the same.
     #[arg(long)]
     pub no_skip: bool,
-    /// Say how long drawing took and, on the CPU, how many samples it needed; of a volume that stays in its file, how many
-    /// bricks.
+    /// Say how long drawing took and how many samples it needed, on a GPU along rays through a volume that it has all of; what
+    /// the volume takes of a GPU; and of a volume that stays in its file, how many bricks were unpacked.
     #[arg(long)]
     pub stats: bool,
     /// What is drawn.
@@ -277,7 +277,7 @@ mod tests {
     fn what_draws_is_chosen_for_the_window_and_for_render() {
         let cli =
             Cli::try_parse_from(["voxrole-view", "a.vxr", "--gpu", "--gpu-memory", "1MiB"]).expect("is understood");
-        assert_eq!(cli.device, DeviceArgs { gpu_memory: Some(1 << 20), cpu: false, gpu: true });
+        assert_eq!(cli.device, DeviceArgs { gpu_memory: Some(1 << 20), normals: None, cpu: false, gpu: true });
         let device = render(&["--cpu"]).expect("is understood").device;
         assert_eq!([true, false].map(|gpu_is_cpu| device.wants_cpu(gpu_is_cpu)), [true; 2]);
         assert_eq!([true, false].map(|gpu_is_cpu| DeviceArgs::default().wants_cpu(gpu_is_cpu)), [true, false]);

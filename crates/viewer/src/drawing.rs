@@ -10,7 +10,7 @@ use voxrole_preprocess::console::tell;
 
 use crate::device_args::DeviceArgs;
 use crate::reference::{RayMarcher, SampleCounts};
-use crate::render::{Gpu, Renderer, Target};
+use crate::render::{DeviceMemory, Gpu, Renderer, Target};
 use crate::scene::scale_bar::{draw_over_light, draw_over_picture};
 use crate::scene::{ScaleBar, Surfaces};
 use crate::state::{Camera, ViewState};
@@ -40,15 +40,22 @@ pub struct OnGpu {
     target: Target,
     state: ViewState,
     volume: TexelSource,
-    budget: Option<u64>,
+    memory: DeviceMemory,
+    /// Whether samples are counted.
+    counts: bool,
 }
 
 impl OnGpu {
-    fn new(gpu: Gpu, volume: TexelSource, state: &ViewState, budget: Option<u64>) -> Result<Self> {
+    fn new(gpu: Gpu, volume: TexelSource, state: &ViewState, memory: DeviceMemory) -> Result<Self> {
         let target = Target::new(&gpu, state.render_settings.image_size)?;
-        let mut renderer = Renderer::new(&gpu, &volume, budget)?;
+        let mut renderer = Renderer::new(&gpu, &volume, memory)?;
         renderer.prepare_scene(&state.scene, &Arc::new(Surfaces::of_source(state, &volume)?), target.size())?;
-        Ok(Self { gpu, renderer, target, state: state.clone(), volume, budget })
+        Ok(Self { gpu, renderer, target, state: state.clone(), volume, memory, counts: false })
+    }
+
+    fn count_samples(&mut self) -> Result<()> {
+        self.counts = true;
+        self.renderer.count_samples()
     }
 
     fn draw(&mut self, camera: &Camera) -> Result<Picture> {
@@ -67,7 +74,11 @@ impl OnGpu {
         match self.draw(camera) {
             Err(error @ Error::Device { .. }) => {
                 tell(format!("voxrole-view: {error}; opening it again"));
-                *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.budget)?;
+                let counts = self.counts;
+                *self = Self::new(Gpu::new()?, self.volume.clone(), &self.state, self.memory)?;
+                if counts {
+                    self.count_samples()?;
+                }
                 self.draw(camera)
             }
             drawn => drawn,
@@ -94,20 +105,29 @@ impl<'a> Drawing<'a> {
         };
         if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
             // The same picture, in a fraction of the time.
-            let bound = if device.gpu_memory.is_some() { "; --gpu-memory counts with --gpu" } else { "" };
+            let bound = if device.memory() == DeviceMemory::default() {
+                ""
+            } else {
+                "; --gpu-memory and --normals count with --gpu"
+            };
             tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher{bound}", gpu.name));
             return Self::on_cpu(texels, state);
         }
         tell(format!("voxrole-view: drawing on {}", gpu.name));
-        Self::on_gpu(gpu, volume, state, device.gpu_memory)
+        Self::on_gpu(gpu, volume, state, device.memory())
     }
 
-    /// On a device, of whose memory the volume takes `budget` bytes at most.
+    /// On a device, of whose memory the volume takes so much.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn on_gpu(gpu: Gpu, volume: impl Into<TexelSource>, state: &ViewState, budget: Option<u64>) -> Result<Self> {
-        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume.into(), state, budget)?)))
+    pub fn on_gpu(
+        gpu: Gpu,
+        volume: impl Into<TexelSource>,
+        state: &ViewState,
+        memory: impl Into<DeviceMemory>,
+    ) -> Result<Self> {
+        Ok(Self::Gpu(Box::new(OnGpu::new(gpu, volume.into(), state, memory.into())?)))
     }
 
     /// On the CPU.
@@ -116,6 +136,26 @@ impl<'a> Drawing<'a> {
     /// [`Error::PictureSize`]; as [`Surfaces::new`].
     pub fn on_cpu(volume: &'a VolumeTexels, state: &ViewState) -> Result<Self> {
         Ok(Self::Cpu(Box::new(RayMarcher::new(volume, state, state.render_settings.image_size)?)))
+    }
+
+    /// Counts samples from now on, which the CPU always does: on a GPU those of rays through a volume that is there as a whole.
+    ///
+    /// # Errors
+    /// [`Error::Device`] when the device refuses.
+    pub fn count_samples(&mut self) -> Result<()> {
+        match self {
+            Self::Cpu(_) => Ok(()),
+            Self::Gpu(on_gpu) => on_gpu.count_samples(),
+        }
+    }
+
+    /// What the volume takes of a GPU's memory, where one draws.
+    #[must_use]
+    pub fn volume_bytes(&self) -> Option<u64> {
+        match self {
+            Self::Cpu(_) => None,
+            Self::Gpu(on_gpu) => Some(on_gpu.renderer.volume_bytes()),
+        }
     }
 
     /// The picture from a camera.
@@ -135,7 +175,7 @@ impl<'a> Drawing<'a> {
             }
             Self::Gpu(on_gpu) => {
                 let picture = on_gpu.draw_again_if_lost(camera)?;
-                Ok(Drawn { picture, light: None, samples: None })
+                Ok(Drawn { picture, light: None, samples: on_gpu.renderer.samples()? })
             }
         }
     }
@@ -170,12 +210,12 @@ pub(crate) fn scale_bar(state: &ViewState, volume: &VolumeDescription) -> Option
     wanted.flatten()
 }
 
-/// A picture, and on the CPU what it was made of.
+/// A picture, and what it was made of.
 pub struct Drawn {
     /// Over the background.
     pub picture: Picture,
-    /// At full precision.
+    /// At full precision, on the CPU.
     pub light: Option<LightPicture>,
-    /// How many samples were taken.
+    /// How many samples were taken, where they were counted.
     pub samples: Option<SampleCounts>,
 }

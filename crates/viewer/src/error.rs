@@ -21,6 +21,14 @@ pub enum Error {
         /// Which limit, and by how much.
         reason: String,
     },
+    /// The device cannot hold normals that are compressed.
+    #[error("normals cannot be compressed on {device}: {reason}; leave `--normals` out")]
+    Normals {
+        /// The device's name.
+        device: String,
+        /// Why not.
+        reason: String,
+    },
     /// All of a volume is needed in memory, which does not suffice.
     #[error(
         "level {level} of the volume takes {} of memory, of which {} may be taken, and {reason}; {advice}",

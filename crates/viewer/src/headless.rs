@@ -17,6 +17,7 @@ use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
+use crate::render::DeviceMemory;
 use crate::state::{Camera, Classification, Region, Technique, TransferFunction, ViewState};
 use crate::streaming::TexelSource;
 use crate::streaming::memory_bound::bound;
@@ -65,6 +66,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         Drawing::new(&volume, &state, arguments.device)
     };
     let mut drawing = drawing.with_context(named)?;
+    if arguments.stats {
+        drawing.count_samples().with_context(named)?;
+    }
     let ready = start.elapsed().as_secs_f64() - reading;
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;
@@ -76,6 +80,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
             let SampleCounts { taken, all } = samples;
             let saved = 100.0 * samples.saved();
             tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
+        }
+        if let Some(bytes) = drawing.volume_bytes() {
+            tell(format!("voxrole-view: the volume takes {bytes} bytes of the GPU"));
         }
         if let TexelSource::File(packed) = &volume {
             let (unpacked, all) = (packed.bricks_unpacked(), packed.grid().len());
@@ -129,8 +136,8 @@ impl<'a> Outputs<'a> {
         let frames = frames.unwrap_or(if is_animation { 36 } else { 1 });
         let need_light = is_deep || *transparent || depth.is_some();
         refuse_if(
-            need_light && (arguments.device.gpu || arguments.device.gpu_memory.is_some()),
-            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu and --gpu-memory out, or them",
+            need_light && (arguments.device.gpu || arguments.device.memory() != DeviceMemory::default()),
+            "--bits 16, --transparent and --depth are drawn on the CPU: leave --gpu, --gpu-memory and --normals out, or them",
         )?;
         let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();

@@ -49,6 +49,10 @@ pub fn check_view(typed: &ViewArgs, state: &ViewState) -> Result<(), UsageError>
 /// [`UsageError`] where something typed would have no effect.
 pub fn check_render(typed: &RenderArgs, state: &ViewState) -> Result<(), UsageError> {
     let classification = state.transfer_function.classification;
+    refuse_if(
+        typed.device.normals.is_some() && classification == Classification::Stored,
+        "--classify stored has no normals: leave --normals out, or --classify",
+    )?;
     if let Some(integration) = typed.integration {
         refuse_if(
             classification == Classification::Stored,
@@ -111,6 +115,7 @@ mod tests {
             ("--classify stored --curve 0,FF0000,0.5".into(), "leave --curve out"),
             ("--classify stored --integration pre".into(), "leave --integration out"),
             ("--classify stored --level 1".into(), "no level 1"),
+            ("--classify stored --normals compressed".into(), "leave --normals out"),
             ("--classify stored --memory 1GiB".into(), "leave --memory out"),
             ("--integration pre-2d".into(), "--classify value"),
             ("--technique slices --jitter".into(), "for rays"),

@@ -29,7 +29,7 @@ fn main() {
     voxrole_preprocess::prepare(&grid, &Settings::new(Method::Fast), &path, &Silent).expect("a packed file");
 
     for gpu in [false, true] {
-        let device = DeviceArgs { cpu: !gpu, gpu, gpu_memory: None };
+        let device = DeviceArgs { cpu: !gpu, gpu, gpu_memory: None, normals: None };
         let (openings, outcome) = run(&path, device, 1);
         outcome.expect("the second window is closed as windows are");
         assert_eq!(openings, 2);

@@ -31,8 +31,8 @@ const HISTOGRAM: &str = "Histogram of value and gradient magnitude at the hit";
 /// Seconds between two passes of the window.
 const STEP_SECONDS: f32 = 0.05;
 /// What draws: the two that there are.
-const CPU: DeviceArgs = DeviceArgs { cpu: true, gpu: false, gpu_memory: None };
-const GPU: DeviceArgs = DeviceArgs { cpu: false, gpu: true, gpu_memory: None };
+const CPU: DeviceArgs = DeviceArgs { cpu: true, gpu: false, gpu_memory: None, normals: None };
+const GPU: DeviceArgs = DeviceArgs { cpu: false, gpu: true, gpu_memory: None, normals: None };
 const PICTURE: &str = "Picture of the volume";
 
 /// Two concentric shells of 32 voxels a side, prepared once.

@@ -3,7 +3,9 @@
 //! Source: W. M. Wells, Efficient synthesis of Gaussian filters by cascaded uniform filters, 1986. Sums are whole numbers, so
 //! that a mean has the same bits however it is gathered.
 
+use fearless_simd::{Simd, SimdBase, dispatch, f32x16};
 use rayon::prelude::*;
+use voxrole_preprocess::simd;
 
 /// Repetitions: the peak of three is 6 % lower than the Gaussian's, and nowhere are they farther off.
 const REPETITIONS: usize = 3;
@@ -18,12 +20,12 @@ pub fn blur([nx, ny, nz]: [usize; 3], mut shares: Vec<u16>, sigmas: [f32; 3]) ->
     // Both lie within layers.
     shares.par_chunks_mut(nx * ny).for_each_init(Lines::default, |lines, layer| {
         if along_x > 0 {
-            layer.chunks_exact_mut(nx).for_each(|row| lines.blur_row(row, along_x));
+            dispatch!(simd::level(), simd => lines.blur_rows(simd, layer, nx, along_x));
         }
         if along_y > 0 {
             lines.gather(nx, layer.chunks_exact(nx));
-            lines.blur_across(along_y);
-            lines.store(layer);
+            dispatch!(simd::level(), simd => lines.blur_across(simd, along_y));
+            lines.store(layer.chunks_exact_mut(nx));
         }
     });
     if along_z == 0 {
@@ -33,8 +35,8 @@ pub fn blur([nx, ny, nz]: [usize; 3], mut shares: Vec<u16>, sigmas: [f32; 3]) ->
     let mut turned = vec![0; shares.len()];
     turned.par_chunks_mut(nx * nz).enumerate().for_each_init(Lines::default, |lines, (y, turned)| {
         lines.gather(nx, (0..nz).map(|z| &shares[(z * ny + y) * nx..][..nx]));
-        lines.blur_across(along_z);
-        lines.store(turned);
+        dispatch!(simd::level(), simd => lines.blur_across(simd, along_z));
+        lines.store(turned.chunks_exact_mut(nx));
     });
     shares.par_chunks_mut(nx).enumerate().with_min_len(ny).for_each(|(row, shares)| {
         shares.copy_from_slice(&turned[((row % ny) * nz + row / ny) * nx..][..nx]);
@@ -47,79 +49,108 @@ fn reach(sigma: f32) -> usize {
     ((sigma.mul_add(sigma, 0.25).sqrt() - 0.5).round() as usize).min(Mean::LARGEST / 2)
 }
 
-/// What is blurred: whole numbers, which floats hold exactly, and so do sums of [`Mean::LARGEST`] of them.
+/// What is blurred: whole numbers, which floats hold exactly, and so do sums of [`Mean::LARGEST`] of them. Rows are a
+/// multiple of [`LANES`] wide; what lies behind their ends is no cell's.
+///
+/// Loops of vectors and no iterators, as what std calls might be compiled without the level's instructions.
 #[derive(Default)]
 struct Lines {
     width: usize,
     shares: Vec<f32>,
     means: Vec<f32>,
-    sums: Vec<f32>,
 }
 
 impl Lines {
-    /// Blurs along a row.
-    fn blur_row(&mut self, row: &mut [u16], reach: usize) {
-        let Self { shares, means, .. } = self;
+    /// Blurs along the rows of a layer.
+    #[inline(always)]
+    fn blur_rows<S: Simd>(&mut self, simd: S, layer: &mut [u16], width: usize, reach: usize) {
         let mean = Mean::over(2 * reach + 1);
+        let padded = width.next_multiple_of(LANES);
         // As much as the last lanes read beyond the row.
-        for padded in [&mut *shares, &mut *means] {
-            padded.clear();
-            padded.resize(row.len().next_multiple_of(LANES) + 2 * reach, 0.0);
+        for row in [&mut self.shares, &mut self.means] {
+            row.clear();
+            row.resize(padded + 2 * reach, 0.0);
         }
-        shares[reach..].iter_mut().zip(&*row).for_each(|(share, &stored)| *share = f32::from(stored));
-        for _ in 0..REPETITIONS {
-            for first in (0..row.len()).step_by(LANES) {
-                let mut sums = [0.0; LANES];
-                for ahead in 0..=2 * reach {
-                    let lanes: &[f32; LANES] = shares[first + ahead..].first_chunk().expect("rows are padded");
-                    sums.iter_mut().zip(lanes).for_each(|(sum, &share)| *sum += share);
+        for row in layer.chunks_exact_mut(width) {
+            load(row, &mut self.shares[reach..]);
+            for _ in 0..REPETITIONS {
+                let mut first = 0;
+                while first < padded {
+                    let mut sum = f32x16::splat(simd, 0.0);
+                    let mut ahead = 0;
+                    while ahead <= 2 * reach {
+                        sum += vector(simd, &self.shares, first + ahead);
+                        ahead += 1;
+                    }
+                    mean.of(sum).store_slice(&mut self.means[reach + first..][..LANES]);
+                    first += LANES;
                 }
-                let means = &mut means[reach + first..][..LANES.min(row.len() - first)];
-                means.iter_mut().zip(sums).for_each(|(means, sum)| *means = mean.of(sum));
+                self.means[reach + width..].fill(0.0);
+                std::mem::swap(&mut self.shares, &mut self.means);
             }
-            std::mem::swap(shares, means);
+            store(&self.shares[reach..], row);
         }
-        store(&shares[reach..], row);
     }
 
     /// Takes rows of `width` cells that lie behind each other.
-    fn gather<'a>(&mut self, width: usize, rows: impl Iterator<Item = &'a [u16]>) {
-        self.width = width;
-        self.shares.clear();
-        rows.for_each(|row| self.shares.extend(row.iter().map(|&share| f32::from(share))));
+    fn gather<'a>(&mut self, width: usize, rows: impl ExactSizeIterator<Item = &'a [u16]>) {
+        self.width = width.next_multiple_of(LANES);
+        self.shares.resize(rows.len() * self.width, 0.0);
+        self.shares.chunks_exact_mut(self.width).zip(rows).for_each(|(shares, row)| load(row, shares));
     }
 
-    fn store(&self, shares: &mut [u16]) {
-        store(&self.shares, shares);
+    /// Gives them back.
+    fn store<'a>(&self, rows: impl Iterator<Item = &'a mut [u16]>) {
+        self.shares.chunks_exact(self.width).zip(rows).for_each(|(shares, row)| store(shares, row));
     }
 
     /// Blurs across the rows.
-    fn blur_across(&mut self, reach: usize) {
+    #[inline(always)]
+    fn blur_across<S: Simd>(&mut self, simd: S, reach: usize) {
         let mean = Mean::over(2 * reach + 1);
-        self.means.clear();
         self.means.resize(self.shares.len(), 0.0);
         for _ in 0..REPETITIONS {
-            self.take_means(reach, mean);
+            self.take_means(simd, reach, mean);
             std::mem::swap(&mut self.shares, &mut self.means);
         }
     }
 
     /// The means over `2 · reach + 1` rows, by sums that move along.
-    fn take_means(&mut self, reach: usize, mean: Mean) {
-        let Self { width, shares, means, sums } = self;
-        let row = |index: usize| shares.chunks_exact(*width).nth(index).unwrap_or_default();
-        sums.clear();
-        sums.resize(*width, 0.0);
-        let add = |sums: &mut [f32], row: &[f32]| sums.iter_mut().zip(row).for_each(|(sum, share)| *sum += share);
-        (0..reach).for_each(|ahead| add(sums, row(ahead)));
-        for (index, means) in means.chunks_exact_mut(*width).enumerate() {
-            add(sums, row(index + reach));
-            means.iter_mut().zip(&*sums).for_each(|(means, &sum)| *means = mean.of(sum));
-            if let Some(behind) = index.checked_sub(reach) {
-                sums.iter_mut().zip(row(behind)).for_each(|(sum, share)| *sum -= share);
+    #[inline(always)]
+    fn take_means<S: Simd>(&mut self, simd: S, reach: usize, mean: Mean) {
+        let Self { width, shares, means } = self;
+        let (width, rows) = (*width, shares.len() / *width);
+        let mut first = 0;
+        while first < width {
+            let mut sum = f32x16::splat(simd, 0.0);
+            let mut row = 0;
+            while row < reach.min(rows) {
+                sum += vector(simd, shares, row * width + first);
+                row += 1;
             }
+            row = 0;
+            while row < rows {
+                if row + reach < rows {
+                    sum += vector(simd, shares, (row + reach) * width + first);
+                }
+                mean.of(sum).store_slice(&mut means[row * width + first..][..LANES]);
+                if row >= reach {
+                    sum -= vector(simd, shares, (row - reach) * width + first);
+                }
+                row += 1;
+            }
+            first += LANES;
         }
     }
+}
+
+#[inline(always)]
+fn vector<S: Simd>(simd: S, numbers: &[f32], first: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &numbers[first..][..LANES])
+}
+
+fn load(row: &[u16], shares: &mut [f32]) {
+    shares.iter_mut().zip(row).for_each(|(share, &stored)| *share = f32::from(stored));
 }
 
 fn store(numbers: &[f32], shares: &mut [u16]) {
@@ -145,7 +176,7 @@ impl Mean {
     /// A multiplication in place of the division: that is off by 2⁻²³ of at most 2¹⁶, which is less than the 1/126 that a
     /// quotient of an odd number up to [`Self::LARGEST`] is away from where rounding changes.
     #[inline(always)]
-    fn of(self, sum: f32) -> f32 {
+    fn of<S: Simd>(self, sum: f32x16<S>) -> f32x16<S> {
         (sum * self.0 + WHOLE) - WHOLE
     }
 }
@@ -195,7 +226,9 @@ mod tests {
             let count = 2 * reach as u64 + 1;
             let mean = Mean::over(count as usize);
             for sum in [shares * count, (shares * count).saturating_sub(1), shares * count / 2, count * 65535] {
-                prop_assert_eq!(mean.of(sum as f32) as u64, (sum + count / 2) / count);
+                let found: [f32; LANES] =
+                    dispatch!(simd::level(), simd => mean.of(f32x16::splat(simd, sum as f32)).into());
+                prop_assert_eq!(found[0] as u64, (sum + count / 2) / count);
             }
         }
     }

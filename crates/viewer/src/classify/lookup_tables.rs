@@ -87,6 +87,11 @@ impl LookupTables {
         self.samples = Some(samples);
     }
 
+    /// Forgets them: they are not needed, and can be gathered again.
+    pub fn drop_samples(&mut self) {
+        self.samples = None;
+    }
+
     /// Brings the tables up to date with a state; returns the numbers of its picture of `image_size` pixels, and what of
     /// the tables has changed.
     pub fn update(&mut self, state: &ViewState, image_size: [u32; 2]) -> (Frame, Changes) {

@@ -387,7 +387,9 @@ fn check_size([width, height]: [u32; 2]) -> Result<()> {
 
 /// Brings the tables of a volume up to date with a state.
 fn update(tables: &mut LookupTables, volume: &VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Frame {
-    if state.render_settings.shading.occlusion > 0.0 && !tables.has_samples() {
+    if state.render_settings.shading.occlusion <= 0.0 {
+        tables.drop_samples();
+    } else if !tables.has_samples() {
         tables.set_samples(MacrocellSamples::new(volume));
     }
     tables.update(state, image_size).0

@@ -11,6 +11,7 @@ use wgpu::{
     StoreOp, TextureFormat, TextureSampleType, TextureView, TextureViewDimension, VertexBufferLayout, VertexState,
 };
 
+use super::device_memory::Normals;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
 use super::shader;
@@ -20,11 +21,12 @@ use super::uniforms::Uniforms;
 pub struct Bindings {
     layout: BindGroupLayout,
     uniforms: Buffer,
+    normals: Normals,
 }
 
 impl Bindings {
-    /// Of no volume yet.
-    pub fn new(gpu: &Gpu) -> Self {
+    /// Of no volume yet; its normals will be kept so.
+    pub fn new(gpu: &Gpu, normals: Normals) -> Self {
         let layout = gpu.device.create_bind_group_layout(&BindGroupLayoutDescriptor {
             label: Some("volume"),
             entries: &[
@@ -48,6 +50,8 @@ impl Bindings {
                 entry(10, float_texture(TextureViewDimension::D2)),
                 entry(11, integer_texture(TextureViewDimension::D2)),
                 entry(12, integer_texture(TextureViewDimension::D3)),
+                entry(13, integer_texture(TextureViewDimension::D3)),
+                entry(14, float_texture(TextureViewDimension::D3)),
             ],
         });
         let uniforms = gpu.device.create_buffer(&BufferDescriptor {
@@ -56,14 +60,14 @@ impl Bindings {
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        Self { layout, uniforms }
+        Self { layout, uniforms, normals }
     }
 
     /// Binds a volume, what is made of it, and what its rays end at.
     pub fn bind(
         &self,
         gpu: &Gpu,
-        [volume, pages]: [TextureView; 2],
+        [volume, pages, gradients, normals]: [TextureView; 4],
         lookup_textures: &LookupTextures,
         [opaque_color, opaque_along]: [TextureView; 2],
     ) -> BindGroup {
@@ -86,6 +90,8 @@ impl Bindings {
                 BindGroupEntry { binding: 10, resource: BindingResource::TextureView(&opaque_color) },
                 BindGroupEntry { binding: 11, resource: BindingResource::TextureView(&opaque_along) },
                 BindGroupEntry { binding: 12, resource: BindingResource::TextureView(&lookup_textures.occlusion()) },
+                BindGroupEntry { binding: 13, resource: BindingResource::TextureView(&gradients) },
+                BindGroupEntry { binding: 14, resource: BindingResource::TextureView(&normals) },
             ],
         })
     }
@@ -114,7 +120,11 @@ impl Bindings {
             immediate_size: 0,
         });
         let compilation_options = PipelineCompilationOptions {
-            constants: &[("HAS_BRICKS", f64::from(u8::from(pass.has_bricks)))],
+            constants: &[
+                ("HAS_BRICKS", f64::from(u8::from(pass.has_bricks))),
+                ("COUNTS", f64::from(u8::from(pass.counts))),
+                ("HAS_COMPRESSED_NORMALS", f64::from(u8::from(self.normals == Normals::Compressed))),
+            ],
             ..PipelineCompilationOptions::default()
         };
         let (vertex_entry_point, buffers) = pass.vertices;
@@ -155,6 +165,8 @@ pub struct Pass<'a> {
     pub entry_point: &'a str,
     /// Whether the volume is there brick by brick.
     pub has_bricks: bool,
+    /// Whether samples are counted.
+    pub counts: bool,
     /// What it binds of its own.
     pub own: Option<&'a BindGroupLayout>,
     /// What is drawn into.
@@ -166,7 +178,15 @@ pub struct Pass<'a> {
 impl<'a> Pass<'a> {
     /// One triangle over what is drawn into, whose pixels replace what is there, for a volume that is there as a whole.
     pub fn new(entry_point: &'a str, formats: &'a [TextureFormat]) -> Self {
-        Self { vertices: ("vertex_main", &[]), entry_point, has_bricks: false, own: None, formats, blend: None }
+        Self {
+            vertices: ("vertex_main", &[]),
+            entry_point,
+            has_bricks: false,
+            counts: false,
+            own: None,
+            formats,
+            blend: None,
+        }
     }
 }
 

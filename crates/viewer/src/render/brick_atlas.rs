@@ -2,10 +2,12 @@
 //! them lies.
 
 use glam::Vec3;
-use wgpu::{Extent3d, Origin3d, PollType, Texture, TextureView, TextureViewDescriptor};
+use wgpu::{Extent3d, Origin3d, PollType, Texture, TextureView};
 
 use super::gpu::Gpu;
-use super::volume_textures::{BYTES_PER_TEXEL, UPLOAD_BYTES, too_large, volume_texture, write_box};
+use super::volume_textures::{
+    BYTES_PER_TEXEL, UPLOAD_BYTES, not_apart, texture_bytes, too_large, view, volume_texture, write_texels,
+};
 use crate::Result;
 use crate::classify::Occupancy;
 use crate::classify::macrocells::MACROCELL;
@@ -31,6 +33,8 @@ pub struct BrickAtlas {
     grid: [u32; 3],
     texture: Texture,
     pages: Texture,
+    /// In place of what only compressed normals have.
+    not_apart: [Texture; 2],
     /// For every brick where its first voxel lies in the texture, and 1, or 0 where it is not there; x fastest.
     places: Vec<[u16; 4]>,
     /// Which brick each slot holds.
@@ -57,14 +61,15 @@ impl BrickAtlas {
         }
         let textures = gpu.checked("making room for bricks", || {
             let size = extent([across, down, deep].map(|slots| slots * SIDE));
-            [volume_texture(gpu, "bricks", size), volume_texture(gpu, "pages", extent(grid))]
+            ([volume_texture(gpu, "bricks", size), volume_texture(gpu, "pages", extent(grid))], not_apart(gpu))
         });
-        let [texture, pages] = textures.map_err(|error| too_large(gpu, error.to_string()))?;
+        let ([texture, pages], not_apart) = textures.map_err(|error| too_large(gpu, error.to_string()))?;
         Ok(Self {
             source: source.clone(),
             grid,
             texture,
             pages,
+            not_apart,
             places: vec![[0; 4]; count],
             slots: vec![None; across as usize * down as usize * deep as usize],
             next: 0,
@@ -72,9 +77,15 @@ impl BrickAtlas {
         })
     }
 
-    /// What a shader reads: the bricks, and where each of them lies.
-    pub fn views(&self) -> [TextureView; 2] {
-        [&self.texture, &self.pages].map(|texture| texture.create_view(&TextureViewDescriptor::default()))
+    /// What a shader reads: the bricks, where each of them lies, and that normals are with the bricks.
+    pub fn views(&self) -> [TextureView; 4] {
+        let [gradients, normals] = &self.not_apart;
+        [&self.texture, &self.pages, gradients, normals].map(view)
+    }
+
+    /// What the bricks take of the device's memory.
+    pub fn bytes(&self) -> u64 {
+        texture_bytes(&self.texture)
     }
 
     /// How many bricks were brought to the device so far.
@@ -141,7 +152,7 @@ impl BrickAtlas {
                 self.upload(gpu, (brick, slot), &texels, size)?;
             }
         }
-        write_box(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
+        write_texels(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
         gpu.queue.submit([]);
         Ok(())
     }
@@ -152,7 +163,7 @@ impl BrickAtlas {
         let origin = along_axes(slot, across).map(|slot| slot * SIDE);
         let [x, y, z] = origin;
         self.places[brick] = [x as u16, y as u16, z as u16, 1];
-        write_box(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), texels);
+        write_texels(gpu, &self.texture, Origin3d { x, y, z }, extent(dims), texels);
         self.uploads += 1;
         if self.uploads.is_multiple_of(UPLOADS_AT_ONCE) {
             // Hands them over now instead of gathering all of them first, and waits until their memory is free again.

@@ -9,12 +9,13 @@ use wgpu::{
     BindingType, Buffer, BufferBindingType, BufferUsages, Color, ColorTargetState, ColorWrites, CommandEncoder,
     CommandEncoderDescriptor, CompareFunction, DepthStencilState, Extent3d, FragmentState, IndexFormat, LoadOp,
     MultisampleState, Operations, PipelineCompilationOptions, PipelineLayoutDescriptor, PrimitiveState, RenderPass,
-    RenderPassColorAttachment, RenderPassDepthStencilAttachment, RenderPassDescriptor, RenderPipeline,
-    RenderPipelineDescriptor, ShaderModuleDescriptor, ShaderSource, ShaderStages, StoreOp, TextureDescriptor,
-    TextureDimension, TextureFormat, TextureUsages, TextureView, TextureViewDescriptor, VertexAttribute,
-    VertexBufferLayout, VertexFormat, VertexState, VertexStepMode, util,
+    RenderPassDepthStencilAttachment, RenderPassDescriptor, RenderPipeline, RenderPipelineDescriptor,
+    ShaderModuleDescriptor, ShaderSource, ShaderStages, StoreOp, TextureDescriptor, TextureDimension, TextureFormat,
+    TextureUsages, TextureView, TextureViewDescriptor, VertexAttribute, VertexBufferLayout, VertexFormat, VertexState,
+    VertexStepMode, util,
 };
 
+use super::bindings::attachment;
 use super::gpu::Gpu;
 use super::shader;
 use crate::Result;
@@ -202,13 +203,10 @@ impl Targets {
 
     /// Begins a pass with nothing in any pixel.
     fn begin<'e>(&self, encoder: &'e mut CommandEncoder) -> RenderPass<'e> {
-        let attachment = |view| {
-            let ops = Operations { load: LoadOp::Clear(Color::TRANSPARENT), store: StoreOp::Store };
-            Some(RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
-        };
+        let nothing = LoadOp::Clear(Color::TRANSPARENT);
         encoder.begin_render_pass(&RenderPassDescriptor {
             label: Some("geometry"),
-            color_attachments: &[attachment(&self.color), attachment(&self.along)],
+            color_attachments: &[attachment(&self.color, nothing), attachment(&self.along, nothing)],
             depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
                 view: &self.depth,
                 depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Discard }),

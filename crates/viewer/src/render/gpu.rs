@@ -7,6 +7,9 @@ use wgpu::{
 
 use crate::{Error, Result};
 
+/// What 3D textures of compressed blocks take.
+const COMPRESSED_VOLUMES: Features = Features::TEXTURE_COMPRESSION_BC.union(Features::TEXTURE_COMPRESSION_BC_SLICED_3D);
+
 /// A device, its queue and what it is called. Cheap to clone: all clones are the same device.
 #[derive(Clone, Debug)]
 pub struct Gpu {
@@ -56,7 +59,14 @@ impl Gpu {
         }
     }
 
-    /// What is asked of a device: textures as large as the adapter has them and, where it can blend them, those of f32.
+    /// Whether it has 3D textures of compressed blocks.
+    #[must_use]
+    pub fn has_compressed_volumes(&self) -> bool {
+        self.device.features().contains(COMPRESSED_VOLUMES)
+    }
+
+    /// What is asked of a device: textures as large as the adapter has them and, where it has them, compressed ones and
+    /// blending of those of f32.
     #[must_use]
     pub fn device_descriptor(adapter: &Adapter) -> DeviceDescriptor<'static> {
         let offered = adapter.limits();
@@ -66,7 +76,7 @@ impl Gpu {
         };
         DeviceDescriptor {
             label: Some("voxrole"),
-            required_features: adapter.features() & Features::FLOAT32_BLENDABLE,
+            required_features: adapter.features() & Features::FLOAT32_BLENDABLE.union(COMPRESSED_VOLUMES),
             required_limits,
             experimental_features: ExperimentalFeatures::disabled(),
             memory_hints: MemoryHints::Performance,

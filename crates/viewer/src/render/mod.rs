@@ -3,6 +3,8 @@
 mod bindings;
 mod brick_atlas;
 mod brick_march;
+mod compressed_normals;
+pub mod device_memory;
 mod geometry;
 pub mod gpu;
 mod lookup_textures;
@@ -16,6 +18,7 @@ pub mod target;
 mod uniforms;
 mod volume_textures;
 
+pub use device_memory::{DeviceMemory, Normals};
 pub use gpu::Gpu;
 pub use renderer::Renderer;
 pub use target::Target;

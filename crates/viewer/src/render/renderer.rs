@@ -8,6 +8,7 @@ use wgpu::{BindGroup, TextureView};
 use super::bindings::Bindings;
 use super::brick_atlas::BrickAtlas;
 use super::brick_march::{BrickMarch, MOST_OF_STEP};
+use super::device_memory::DeviceMemory;
 use super::geometry::Geometry;
 use super::gpu::Gpu;
 use super::lookup_textures::LookupTextures;
@@ -15,9 +16,10 @@ use super::ray_march::RayMarch;
 use super::slicing::SliceBlending;
 use super::target::Target;
 use super::uniforms::Uniforms;
-use super::volume_textures::{VolumeTextures, too_large};
+use super::volume_textures::{VolumeTextures, WholeVolume, too_large};
 use crate::Result;
 use crate::classify::MacrocellRanges;
+use crate::reference::SampleCounts;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, ViewState};
 use crate::streaming::TexelSource;
@@ -40,37 +42,38 @@ pub struct Renderer {
 
 /// What of the volume is there, and how it is drawn.
 enum Passes {
-    Whole([TextureView; 2], RayMarch),
+    Whole(Box<(WholeVolume, RayMarch)>),
     Bricks(Box<(BrickAtlas, BrickMarch)>),
 }
 
 impl Passes {
     /// What a shader reads of the volume.
-    fn views(&self) -> [TextureView; 2] {
+    fn views(&self) -> [TextureView; 4] {
         match self {
-            Self::Whole(views, _) => views.clone(),
+            Self::Whole(whole) => whole.0.views(),
             Self::Bricks(bricks) => bricks.0.views(),
         }
     }
 }
 
 impl Renderer {
-    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than `budget` bytes,
-    /// or than the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
+    /// Uploads a volume and compiles the shaders. A volume that takes more of the device's memory than it may, or than
+    /// the device has, and one that is in a file, stays where it is, and bricks of it are uploaded when they are
     /// to be seen; others are no longer needed afterwards.
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when not even a few bricks fit the device, [`crate::Error::Device`] when the
-    /// device refuses the shaders; as [`MacrocellRanges::of`].
-    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, budget: Option<u64>) -> Result<Self> {
-        let volume = &volume.into();
-        let volume_textures = VolumeTextures::new(gpu, volume, budget)?;
+    /// device refuses the shaders, [`crate::Error::Normals`] when normals are to be compressed and the device has no such
+    /// textures or no room for all of the volume; as [`MacrocellRanges::of`].
+    pub fn new(gpu: &Gpu, volume: impl Into<TexelSource>, memory: impl Into<DeviceMemory>) -> Result<Self> {
+        let (volume, memory) = (&volume.into(), memory.into());
+        let volume_textures = VolumeTextures::new(gpu, volume, memory)?;
         let ranges = MacrocellRanges::of(volume)?;
         gpu.checked("preparing to draw", || {
             let lookup_textures = LookupTextures::new(gpu, volume, ranges);
-            let bindings = Bindings::new(gpu);
+            let bindings = Bindings::new(gpu, memory.normals);
             let passes = match volume_textures {
-                VolumeTextures::Whole(views) => Passes::Whole(views, RayMarch::new(gpu, &bindings)),
+                VolumeTextures::Whole(volume) => Passes::Whole(Box::new((volume, RayMarch::new(gpu, &bindings)))),
                 VolumeTextures::Bricks(atlas) => Passes::Bricks(Box::new((atlas, BrickMarch::new(gpu, &bindings)))),
             };
             let geometry = Geometry::new(gpu, bindings.uniforms());
@@ -117,6 +120,39 @@ impl Renderer {
     /// [`crate::Error::Device`] when the device's memory does not suffice.
     pub fn prepare_scene(&mut self, scene: &Scene, surfaces: &Arc<Surfaces>, size: [u32; 2]) -> Result<()> {
         self.geometry.prepare(&self.gpu, scene, surfaces, size)
+    }
+
+    /// What the volume takes of the device's memory, apart from what is made of it.
+    #[must_use]
+    pub fn volume_bytes(&self) -> u64 {
+        match &self.passes {
+            Passes::Whole(whole) => whole.0.bytes(),
+            Passes::Bricks(bricks) => bricks.0.bytes(),
+        }
+    }
+
+    /// Counts the samples of pictures from now on: those of rays through a volume that is there as a whole.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device refuses the shaders.
+    pub fn count_samples(&mut self) -> Result<()> {
+        let Self { gpu, passes, bindings, .. } = self;
+        match passes {
+            Passes::Whole(whole) => gpu.checked("preparing to count", || whole.1.count_samples(gpu, bindings)),
+            Passes::Bricks(_) => Ok(()),
+        }
+    }
+
+    /// How many samples the last picture took, where they are counted: the CPU's numbers, but for rays on which the two round
+    /// differently.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] when the device is lost.
+    pub fn samples(&self) -> Result<Option<SampleCounts>> {
+        match &self.passes {
+            Passes::Whole(whole) => whole.1.samples(&self.gpu),
+            Passes::Bricks(_) => Ok(None),
+        }
     }
 
     /// How many bricks were brought to the device so far, where there is no room for all of the volume.
@@ -172,11 +208,12 @@ impl Renderer {
         self.geometry.draw(gpu, state, &self.volume, &frame);
         let is_by_value = frame.classification == Classification::Value;
         match &mut self.passes {
-            Passes::Whole(_, march) => {
+            Passes::Whole(whole) => {
+                let (_, march) = &mut **whole;
                 let Some(slicing) = &frame.slicing else {
-                    march.draw_rows(gpu, &self.bind_group, target, rows);
-                    return Ok(());
+                    return march.draw_rows(gpu, &self.bind_group, target, rows);
                 };
+                march.forget_samples();
                 let slice_blending = match self.slice_blending.take() {
                     Some(slice_blending) => slice_blending,
                     None => SliceBlending::new(gpu, &self.bindings)?,

@@ -12,7 +12,7 @@ use super::drawer::{Drawer, Pace, picture_size};
 use super::preview_scene::PreviewScene;
 use super::refinement::{Detail, PASS_BUDGET, StripLength, work};
 use crate::drawing::scale_bar;
-use crate::render::{Gpu, Renderer, Target};
+use crate::render::{DeviceMemory, Gpu, Renderer, Target};
 use crate::scene::scale_bar::draw_over_picture;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
@@ -22,8 +22,8 @@ use crate::{Picture, Result};
 pub struct GpuDrawer {
     render_state: RenderState,
     renderer: Renderer,
-    /// Most bytes of the device that a volume takes.
-    budget: Option<u64>,
+    /// What a volume may take of the device's.
+    memory: DeviceMemory,
     scene: PreviewScene,
     /// Kept for as long as egui shows it.
     target: Option<Target>,
@@ -42,15 +42,20 @@ struct PartialPicture {
 }
 
 impl GpuDrawer {
-    /// Uploads a volume to the device, where it takes `budget` bytes at most.
+    /// Uploads a volume to the device, of whose memory it takes so much.
     ///
     /// # Errors
     /// [`crate::Error::VolumeTooLarge`] when the volume does not fit, [`crate::Error::Device`] when the device refuses.
-    pub fn new(render_state: &RenderState, gpu: &Gpu, volume: &Arc<VolumeTexels>, budget: Option<u64>) -> Result<Self> {
+    pub fn new(
+        render_state: &RenderState,
+        gpu: &Gpu,
+        volume: &Arc<VolumeTexels>,
+        memory: DeviceMemory,
+    ) -> Result<Self> {
         Ok(Self {
             render_state: render_state.clone(),
-            renderer: Renderer::new(gpu, volume, budget)?,
-            budget,
+            renderer: Renderer::new(gpu, volume, memory)?,
+            memory,
             scene: PreviewScene::new(volume),
             target: None,
             texture: None,
@@ -112,7 +117,7 @@ impl Drawer for GpuDrawer {
     }
 
     fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
-        self.renderer = Renderer::new(self.renderer.gpu(), volume, self.budget)?;
+        self.renderer = Renderer::new(self.renderer.gpu(), volume, self.memory)?;
         self.scene.replace_volume(volume);
         Ok(())
     }

@@ -49,7 +49,7 @@ impl Preview {
         let drawer: Box<dyn Drawer> = if on_cpu {
             Box::new(CpuDrawer::new(volume)?)
         } else {
-            Box::new(GpuDrawer::new(render_state, &gpu, volume, device.gpu_memory)?)
+            Box::new(GpuDrawer::new(render_state, &gpu, volume, device.memory())?)
         };
         Ok(Self {
             drawer,

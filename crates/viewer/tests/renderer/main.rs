@@ -4,6 +4,8 @@ mod artifacts;
 mod bricks;
 mod by_value;
 mod clipping;
+mod compressed_normals;
+mod counting;
 mod cpu_gpu;
 mod integration;
 mod occlusion;

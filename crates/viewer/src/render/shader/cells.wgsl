@@ -41,6 +41,18 @@ fn next_cell(ray: Ray, cell: vec3<f32>, exits: vec3<f32>) -> vec3<f32> {
     return cell + select(vec3<f32>(0.0), step, vec3<bool>(is_x, is_y, !is_x && !is_y));
 }
 
+// How many cells a stretch of the ray goes through.
+fn count_of_cells(ray: Ray, inverse: vec3<f32>, begin: f32, end: f32) -> u32 {
+    if !(begin < end) {
+        return 0u;
+    }
+    let step = select(vec3<f32>(-1.0), vec3<f32>(1.0), is_forward(ray));
+    let at_end = cell_at(ray, inverse, end);
+    let is_left = entries_of(ray, inverse, at_end) >= vec3<f32>(end);
+    let cells = abs(at_end - select(vec3<f32>(0.0), step, is_left) - cell_at(ray, inverse, begin));
+    return 1u + u32(cells.x + cells.y + cells.z);
+}
+
 // A cell and where it is entered.
 struct CellPlace {
     cell: vec3<f32>,

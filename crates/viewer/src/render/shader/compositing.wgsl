@@ -33,6 +33,9 @@ struct Progress {
     wanted: u32,
 }
 
+// What was sampled, where rays count.
+var<private> taken: u32;
+
 const NO_PROGRESS: Progress = Progress(vec4<f32>(0.0), 0.0, 0u);
 
 // What of a ray is drawn.
@@ -106,6 +109,9 @@ fn march(ray: Ray, stretch: Stretch, start: Progress) -> Progress {
                         break;
                     }
                 }
+                if COUNTS {
+                    taken += 1u;
+                }
                 cell = load_cell(base);
                 let exits = exits_of(ray, inverse, next.cell);
                 let end = min(min(exits.x, min(exits.y, exits.z)), stretch.end);
@@ -153,6 +159,9 @@ fn march(ray: Ray, stretch: Stretch, start: Progress) -> Progress {
             if wanted != 0u {
                 break;
             }
+        }
+        if COUNTS && !by_cells {
+            taken += 1u;
         }
         let role = sample_at(position, place, ray.direction, &cell);
         if role.opacity > 0.0 {

@@ -1,7 +1,7 @@
 //! The shaders: chunks that each build on the ones before, concatenated when the program is built.
 
 /// The whole module: vertex entry points `vertex_main` and, for slices, `slice_vertex`; fragment entry points
-/// `fragment_main` for rays through a volume that is there as a whole, `fragment_resume` and `fragment_finish` for one
+/// `fragment_main` for rays through a volume that is there as a whole, `fragment_count` for the same with their samples counted, `fragment_resume` and `fragment_finish` for one
 /// that comes brick by brick, `slice_fragment` for slices and `slices_over_background` for what they come to.
 pub const SOURCE: &str = concat!(
     include_str!("view.wgsl"),
@@ -17,6 +17,7 @@ pub const SOURCE: &str = concat!(
     include_str!("compositing.wgsl"),
     include_str!("resuming.wgsl"),
     include_str!("slicing.wgsl"),
+    include_str!("counting.wgsl"),
 );
 
 /// The module that draws triangles: vertex entry point `geometry_vertex`, fragment entry point `geometry_fragment`.
@@ -40,7 +41,7 @@ mod tests {
     use crate::scene::projection;
     use crate::slicing::{NEAR, SLACK};
 
-    const CHUNKS: [(&str, &str); 13] = [
+    const CHUNKS: [(&str, &str); 14] = [
         ("view", include_str!("view.wgsl")),
         ("classification", include_str!("classification.wgsl")),
         ("preintegration", include_str!("preintegration.wgsl")),
@@ -54,6 +55,7 @@ mod tests {
         ("compositing", include_str!("compositing.wgsl")),
         ("resuming", include_str!("resuming.wgsl")),
         ("slicing", include_str!("slicing.wgsl")),
+        ("counting", include_str!("counting.wgsl")),
     ];
 
     #[test]

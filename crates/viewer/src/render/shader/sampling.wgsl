@@ -48,8 +48,17 @@ fn is_within_reach(texel: vec4<u32>) -> bool {
     return has_hit(texel) && abs(stored_distance(texel)) < frame.reach;
 }
 
-// The unit vector of an octahedral normal, or 0 for none.
-fn decode_normal(stored: u32) -> vec3<f32> {
+// The unit vector of a texel's octahedral normal, or 0 for none.
+fn decode_normal(texel: vec4<u32>) -> vec3<f32> {
+    let stored = texel.w;
+    if HAS_COMPRESSED_NORMALS {
+        // The twin of compressed_normals.rs.
+        let turned = unpack2x16snorm(stored);
+        let flat = 0.5 * vec2<f32>(turned.x + turned.y, turned.x - turned.y);
+        let height = 1.0 - abs(flat.x) - abs(flat.y);
+        let on_half = vec3<f32>(flat, select(height, -height, (texel.z & 1u) == 1u));
+        return on_half / sqrt(dot(on_half, on_half));
+    }
     if stored == 0x8080u {
         return vec3<f32>(0.0);
     }
@@ -75,7 +84,13 @@ fn offset_of(base: vec3<i32>) -> vec3<i32> {
 }
 
 fn voxel(index: vec3<i32>, offset: vec3<i32>) -> vec4<u32> {
-    return textureLoad(volume, min(index, frame.last_voxel) + offset, 0);
+    let place = min(index, frame.last_voxel) + offset;
+    let texel = textureLoad(volume, place, 0);
+    if HAS_COMPRESSED_NORMALS {
+        let gradient = textureLoad(gradients, place, 0).x;
+        return vec4<u32>(texel.xy, gradient, pack2x16snorm(textureLoad(normals, place, 0).xy));
+    }
+    return texel;
 }
 
 fn load_cell(base: vec3<i32>) -> Cell {
@@ -115,7 +130,7 @@ fn add_voxel(
     if by_role.a == 0.0 {
         return;
     }
-    let normal = decode_normal(texel.w);
+    let normal = decode_normal(texel);
     let distance = stored_distance(texel) + dot(normal, (fraction - corner) * frame.spacing);
     let half = select(0.0, max(abs(dot(normal, direction)) * half_step, 0.5 * SHORTEST), half_step > 0.0);
     let share = weight * opacity_of_step(bin, by_role.a, distance, half);

@@ -30,7 +30,7 @@ fn interpolate(place: Place) -> Interpolated {
         sum.value += weight * f32(texel.x);
         sum.third += weight * f32(texel.z);
         if has_hit(texel) {
-            sum.normal += weight * decode_normal(texel.w);
+            sum.normal += weight * decode_normal(texel);
         }
     }
     return sum;

@@ -5,6 +5,10 @@ const MOST_PLANES: u32 = 10u;
 const BRICK: i32 = 32;
 // Whether the volume is there brick by brick.
 override HAS_BRICKS: bool = false;
+// Whether rays count their samples.
+override COUNTS: bool = false;
+// Whether its normals and gradient magnitudes have textures of their own.
+override HAS_COMPRESSED_NORMALS: bool = false;
 
 struct Uniforms {
     origin: vec3<f32>,
@@ -52,6 +56,11 @@ struct Ray {
 @group(0) @binding(0) var<uniform> frame: Uniforms;
 // Value, distance, gradient magnitude at the hit and normal, as stored: of the whole volume, or of some of its bricks.
 @group(0) @binding(1) var volume: texture_3d<u32>;
+// Where normals are compressed, `volume` has value and distance alone. Gradient magnitudes, whose lowest bit says that the
+// normal's z is negative:
+@group(0) @binding(13) var gradients: texture_3d<u32>;
+// and places on the half octahedron.
+@group(0) @binding(14) var normals: texture_3d<f32>;
 // For every brick where its first voxel lies in `volume`, and 1, or 0 where it is not there.
 @group(0) @binding(7) var pages: texture_3d<u32>;
 // Colour and opacity by value (x) and gradient magnitude at the hit (y), in shares of 65535.

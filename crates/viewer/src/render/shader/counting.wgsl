@@ -1,0 +1,20 @@
+// Rays that count: the twin of what reference/mod.rs counts. Only where COUNTS is set.
+
+struct Counted {
+    @location(0) color: vec4<f32>,
+    // Places at which the volume was sampled, or cells that were read, and those along the whole ray.
+    @location(1) samples: vec2<u32>,
+}
+
+@fragment
+fn fragment_count(@builtin(position) position: vec4<f32>) -> Counted {
+    let opaque = opaque_pixel(position.xy);
+    let ray = pixel_ray(position.xy);
+    let stretch = whole_stretch(ray, first_sample(vec2<u32>(position.xy)), opaque);
+    let light = march(ray, stretch, NO_PROGRESS).light;
+    var all = u32(max((stretch.end - stretch.begin) / stretch.step + (1.0 - stretch.first), 0.0));
+    if goes_by_cells() {
+        all = count_of_cells(ray, inverse_direction(ray), stretch.begin, stretch.end);
+    }
+    return Counted(over_background(light, opaque), vec2<u32>(taken, all));
+}
