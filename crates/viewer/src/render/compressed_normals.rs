@@ -251,9 +251,11 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "prints figures of the packed file that VOXROLE_PACKED names"]
     fn errors_of_a_packed_file() {
-        let path = std::env::var_os("VOXROLE_PACKED").expect("VOXROLE_PACKED names a packed file");
+        let Some(path) = std::env::var_os("VOXROLE_PACKED") else {
+            eprintln!("skipped: VOXROLE_PACKED names no packed file");
+            return;
+        };
         let reader = voxrole_pack::Reader::open(std::path::Path::new(&path)).expect("opens");
         let volume = VolumeTexels::read(&reader).expect("is read");
         let [width, height, _] = volume.description.texel_dims().map(|dim| dim as usize);
