@@ -79,6 +79,9 @@ pub struct RenderArgs {
     /// Turn once around the volume in so many pictures, named OUT-000.png and so on [default for an animation: 36].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub frames: Option<u32>,
+    /// Pictures of an animation shown each second [default: 25].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=240))]
+    pub fps: Option<u16>,
     /// Bits of a channel; 16 are drawn on the CPU.
     #[arg(long, value_enum, default_value = "8")]
     pub bits: Bits,

@@ -16,12 +16,12 @@ use super::slicing::SliceBlending;
 use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, too_large};
-use crate::Result;
 use crate::classify::MacrocellRanges;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, ViewState};
 use crate::streaming::TexelSource;
 use crate::volume::VolumeDescription;
+use crate::{Result, Watch};
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
@@ -158,6 +158,23 @@ impl Renderer {
     /// # Panics
     /// When `rows` reach beyond the target.
     pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) -> Result<()> {
+        self.draw_watched_rows(state, target, rows, &Watch::default())
+    }
+
+    /// The same; where the picture is given up while bricks are brought, some of the rows are left as they are.
+    ///
+    /// # Errors
+    /// As [`Self::draw_rows`].
+    ///
+    /// # Panics
+    /// As [`Self::draw_rows`].
+    pub fn draw_watched_rows(
+        &mut self,
+        state: &ViewState,
+        target: &Target,
+        rows: Range<u32>,
+        watch: &Watch,
+    ) -> Result<()> {
         let [_, height] = target.size();
         assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let gpu = &self.gpu;
@@ -199,7 +216,7 @@ impl Renderer {
                 if changes.occupancy {
                     atlas.fill(gpu, self.lookup_textures.occupancy(), &frame)?;
                 }
-                march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, rows)
+                march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, (rows, watch))
             }
         }
     }
