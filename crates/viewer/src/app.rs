@@ -76,10 +76,8 @@ pub fn run_and_tell(
     drop(Gpu::new().with_context(|| without_window(path))?);
     let description = VolumeDescription::of(&opened.reader, 0).with_context(named)?;
     let mut window = KeptWindow::new(OpenedVolume::read(path, &opened.reader, &description).with_context(named)?);
-    if let Some(session) = session {
-        if let Some(mismatch) = window.open_session(session) {
-            tell(format!("voxrole-view: {mismatch}"));
-        }
+    if let Some(mismatch) = session.and_then(|session| window.open_session(session)) {
+        tell(format!("voxrole-view: {mismatch}"));
     }
     let runner = Runner { path, reader: opened.reader, device, memory };
     let mut kept = Kept { window, memory: None, place: ViewportBuilder::default().with_inner_size(SIZE) };

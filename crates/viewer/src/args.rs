@@ -30,8 +30,8 @@ pub struct Cli {
     /// What draws.
     #[command(flatten)]
     pub device: DeviceArgs,
-    /// Memory that the volume takes at most, such as 8GiB; a level of detail that takes more is not shown
-    /// [default: half of the machine's].
+    /// Memory that the volume takes at most, such as 8GiB; the finest level of detail comes in parts where it takes more and a GPU
+    /// draws, and is not shown where the CPU does [default: half of the machine's].
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub memory: Option<u64>,
     /// Layout of a headerless volume.

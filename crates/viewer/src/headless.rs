@@ -18,7 +18,7 @@ use crate::drawing::{Drawing, Drawn};
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
-use crate::state::{Camera, Classification, Crop, Region, SavedVolume, Technique, TransferFunction, ViewState};
+use crate::state::{Camera, Classification, Crop, Region, SavedVolume, TransferFunction, ViewState};
 use crate::streaming::TexelSource;
 use crate::streaming::memory_bound::bound;
 use crate::usage::{check_render, check_view};
@@ -35,7 +35,6 @@ const PER_SECOND: u16 = 25;
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let outputs = Outputs::new(arguments)?;
-    let named = || arguments.file.display().to_string();
     let mut state = typed_state(&arguments.view)?;
     let settings = &mut state.render_settings;
     settings.technique = arguments.technique.unwrap_or(settings.technique);
@@ -51,9 +50,6 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let start = Instant::now();
     let has_regions = !state.transfer_function.regions.is_empty();
     let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), &arguments.view, &mut state)?;
-    if state.render_settings.technique != Technique::Rays {
-        volume.in_memory("slices need").with_context(named)?;
-    }
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.device.cpu || outputs.need_light;
     let drawing = if on_cpu {

@@ -36,6 +36,8 @@ pub struct Renderer {
     geometry: Geometry,
     /// Which of its textures are bound.
     bound_geometry: u64,
+    /// Seconds of the longest pass over the rows that were drawn last.
+    longest: f64,
 }
 
 /// What of the volume is there, and how it is drawn.
@@ -88,6 +90,7 @@ impl Renderer {
                 passes,
                 geometry,
                 bound_geometry,
+                longest: 0.0,
             }
         })
     }
@@ -134,7 +137,7 @@ impl Renderer {
     pub fn longest_pass(&self) -> Option<f64> {
         match &self.passes {
             Passes::Whole(..) => None,
-            Passes::Bricks(bricks) => Some(bricks.1.longest()),
+            Passes::Bricks(_) => Some(self.longest),
         }
     }
 
@@ -152,7 +155,7 @@ impl Renderer {
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses what slices need or is lost while bricks are brought to it,
-    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick, [`crate::Error::Pack`] when a
+    /// [`crate::Error::VolumeTooLarge`] when there is no room for the bricks of a step by value, or of a slice in a pixel, [`crate::Error::Pack`] when a
     /// brick of a file is damaged, [`crate::Error::TooMuchMemory`] when memory does not suffice for its occlusion.
     ///
     /// # Panics
@@ -194,17 +197,10 @@ impl Renderer {
                     march.draw_rows(gpu, &self.bind_group, target, rows);
                     return Ok(());
                 };
-                let slice_blending = match self.slice_blending.take() {
-                    Some(slice_blending) => slice_blending,
-                    None => SliceBlending::new(gpu, &self.bindings)?,
-                };
-                let slice_blending = self.slice_blending.insert(slice_blending);
+                let slice_blending = made(&mut self.slice_blending, gpu, &self.bindings, false)?;
                 slice_blending.draw(gpu, &self.bind_group, (&frame, slicing), target, rows)
             }
-            Passes::Bricks(_) if frame.slicing.is_some() => {
-                Err(too_large(gpu, "slices need all of it there; draw it with rays".into()))
-            }
-            Passes::Bricks(bricks) if is_by_value && bricks.0.room() < MOST_OF_STEP => {
+            Passes::Bricks(bricks) if is_by_value && frame.slicing.is_none() && bricks.0.room() < MOST_OF_STEP => {
                 let (found, needed) = (bricks.0.room(), MOST_OF_STEP);
                 Err(too_large(
                     gpu,
@@ -213,11 +209,43 @@ impl Renderer {
             }
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;
+                let occupancy = self.lookup_textures.occupancy();
                 if changes.occupancy {
-                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame)?;
+                    atlas.fill(gpu, occupancy, &frame)?;
                 }
-                march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, (rows, watch))
+                let Some(slicing) = &frame.slicing else {
+                    march.draw_rows(
+                        gpu,
+                        (&self.bindings, &self.bind_group),
+                        &uniforms,
+                        atlas,
+                        target,
+                        (rows, watch),
+                    )?;
+                    self.longest = march.longest();
+                    return Ok(());
+                };
+                // What a step by value needs at its ends need not be drawable.
+                let drawable = atlas.drawable(occupancy.filter(|_| frame.classification == Classification::Roles));
+                let slice_blending = made(&mut self.slice_blending, gpu, &self.bindings, true)?;
+                let bricks = (atlas, drawable.as_slice());
+                slice_blending.draw_bricks(gpu, &self.bind_group, (&frame, slicing), bricks, target, (rows, watch))?;
+                self.longest = slice_blending.longest();
+                Ok(())
             }
         }
     }
+}
+
+/// The passes for slices, which are made when they are asked for.
+fn made<'a>(
+    slice_blending: &'a mut Option<SliceBlending>,
+    gpu: &Gpu,
+    bindings: &Bindings,
+    has_bricks: bool,
+) -> Result<&'a mut SliceBlending> {
+    Ok(match slice_blending.take() {
+        Some(there) => slice_blending.insert(there),
+        None => slice_blending.insert(SliceBlending::new(gpu, bindings, has_bricks)?),
+    })
 }

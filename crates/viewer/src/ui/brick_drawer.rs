@@ -19,8 +19,10 @@ use crate::state::ViewState;
 use crate::streaming::{PackedVolume, TexelSource};
 use crate::{Error, Picture, Result, Watch};
 
-/// Fewest rows that are drawn at once: what every pass over bricks costs by itself must not become most of its cost.
+/// Fewest rows that are drawn at once: what every pass over bricks costs by itself must not become most of its cost. More where the
+/// device is a CPU, which no driver gives up, and which takes long for either.
 const LEAST_ROWS: u32 = 8;
+const LEAST_ROWS_OF_CPU: u32 = 32;
 /// How often the window says how far it is: painting it takes time from that.
 const REPORT: Duration = Duration::from_millis(500);
 
@@ -98,7 +100,7 @@ impl BrickDrawer {
             let (gpu, packed, context) = (gpu.clone(), Arc::clone(&packed), context.clone());
             move || {
                 // Nobody waits for what is no longer wanted.
-                let _ = match Renderer::new(&gpu, &TexelSource::File(Arc::clone(&packed)), room.device) {
+                let _ = match Renderer::new(&gpu, TexelSource::File(Arc::clone(&packed)), room.device) {
                     Ok(renderer) => {
                         let is_wanted = ready.send(Ok(()));
                         context.request_repaint();
@@ -284,6 +286,7 @@ fn draw(renderer: &mut Renderer, scene: &mut PreviewScene, request: &Request) ->
     let gpu = renderer.gpu().clone();
     let target = Target::new(&gpu, state.render_settings.image_size)?;
     renderer.prepare_scene(&state.scene, &scene.surfaces(&state.scene)?, target.size())?;
-    draw_in_strips((&gpu, renderer), state, &target, LEAST_ROWS, watch)?;
+    let least = if gpu.is_cpu { LEAST_ROWS_OF_CPU } else { LEAST_ROWS };
+    draw_in_strips((&gpu, renderer), state, &target, least, watch)?;
     Ok((!watch.is_given_up()).then(|| (target, start.elapsed().as_secs_f64())))
 }

@@ -21,7 +21,7 @@ pub struct PreviewScene {
 
 /// Where values are looked up.
 enum Values {
-    Memory(VolumeDescription, Vec<u16>),
+    Memory(Box<VolumeDescription>, Vec<u16>),
     File(Arc<PackedVolume>),
 }
 
@@ -30,7 +30,7 @@ impl PreviewScene {
     #[must_use]
     pub fn new(volume: &VolumeTexels) -> Self {
         let values = volume.texels.iter().map(|texel| texel[0]).collect();
-        Self::of(Values::Memory(volume.description.clone(), values))
+        Self::of(Values::Memory(Box::new(volume.description.clone()), values))
     }
 
     /// Reads values out of a file when they are asked for.

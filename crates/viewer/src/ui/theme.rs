@@ -36,7 +36,7 @@ pub fn new_region_color(used: impl Iterator<Item = [u8; 3]>) -> [u8; 3] {
 fn color_distance(a: [u8; 3], b: [u8; 3]) -> u32 {
     let mean_red = (u32::from(a[0]) + u32::from(b[0])) / 2;
     let [red, green, blue] = [0, 1, 2].map(|channel: usize| u32::from(a[channel].abs_diff(b[channel])).pow(2));
-    ((512 + mean_red) * red >> 8) + 4 * green + ((767 - mean_red) * blue >> 8)
+    (((512 + mean_red) * red) >> 8) + 4 * green + (((767 - mean_red) * blue) >> 8)
 }
 
 /// Gives a context the window's look.

@@ -2,7 +2,7 @@
 
 use std::fs::OpenOptions;
 use std::io::{Seek, SeekFrom, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -40,18 +40,18 @@ fn packed(test: &str) -> PathBuf {
 }
 
 /// A window as `app::run` opens it; its coarsest level is drawn.
-fn open(path: &PathBuf, device: DeviceArgs) -> Option<Harness<'static, ViewerWindow>> {
+fn open(path: &Path, device: DeviceArgs) -> Option<Harness<'static, ViewerWindow>> {
     let render_state = render_state()?;
     let reader = Arc::new(Reader::open(path).expect("opens"));
     let description = VolumeDescription::of(&reader, 0).expect("has all layers");
     let mut window = KeptWindow::new(OpenedVolume::read(path, &reader, &description).expect("has histograms"));
-    window.view.render_settings.step = 2.0;
+    window.view.render_settings.step = 4.0;
     let coarsest = reader.levels() - 1;
     let texels = Arc::new(VolumeTexels::read_level(&reader, coarsest).expect("reads"));
     let mut window = window.open(&render_state, &texels, device).expect("fits the device");
     let limits = (MEMORY, window.preview.room_beside_bricks(MEMORY));
     window.finer = FinerLevels::read(&reader, coarsest, limits, egui::Context::default());
-    Some(harness_of_size(render_state, window, vec2(900.0, 300.0)))
+    Some(harness_of_size(render_state, window, vec2(900.0, 360.0)))
 }
 
 fn wait(harness: &mut Harness<'_, ViewerWindow>, what: &str, is_so: impl Fn(&ViewerWindow) -> bool) {
@@ -70,7 +70,7 @@ fn wait_for_bricks(harness: &mut Harness<'_, ViewerWindow>) {
 }
 
 /// What `voxrole-view render` draws within the same bounds.
-fn rendered(path: &PathBuf, view: &ViewState) -> Picture {
+fn rendered(path: &Path, view: &ViewState) -> Picture {
     let source = TexelSource::open(Reader::open(path).expect("opens"), 0, MEMORY).expect("opens");
     assert!(matches!(source, TexelSource::File(_)));
     let mut drawing =
@@ -79,18 +79,23 @@ fn rendered(path: &PathBuf, view: &ViewState) -> Picture {
 }
 
 /// The middle of the picture as the window shows it, and of what is rendered of the same state.
-fn shown_and_rendered(harness: &mut Harness<'_, ViewerWindow>, path: &PathBuf) -> [Vec<u8>; 2] {
+fn shown_and_rendered(harness: &mut Harness<'_, ViewerWindow>, path: &Path) -> [Vec<u8>; 2] {
     let rect = rect_of(harness, PICTURE);
     let mut view = harness.state().view.clone();
     view.render_settings.image_size = [rect.width().round() as u32, rect.height().round() as u32];
     let picture = rendered(path, &view);
-    let middle = Rect::from_center_size(rect.center().round(), Vec2::splat(160.0));
+    let middle = Rect::from_center_size(rect.center().round(), Vec2::splat(140.0));
     let shown = harness.render().expect("a picture of the window");
     let picture = image::RgbaImage::from_raw(picture.width, picture.height, picture.rgba).expect("is whole");
     let crop = |image, corner: egui::Pos2| {
-        image::imageops::crop_imm(image, corner.x as u32, corner.y as u32, 160, 160).to_image().into_raw()
+        image::imageops::crop_imm(image, corner.x as u32, corner.y as u32, 140, 140).to_image().into_raw()
     };
     [crop(&shown, middle.min), crop(&picture, middle.min - rect.min.to_vec2())]
+}
+
+/// How many pixels are others.
+fn differing(a: &[u8], b: &[u8]) -> usize {
+    a.chunks(4).zip(b.chunks(4)).filter(|(a, b)| a != b).count()
 }
 
 #[test]
@@ -101,8 +106,12 @@ fn the_finest_level_follows_by_bricks_and_is_what_render_draws() {
         wait_for_bricks(&mut harness);
         let [shown, drawn] = shown_and_rendered(&mut harness, &path);
         assert!(drawn.chunks(4).filter(|pixel| pixel[..3] != [0; 3]).count() > 2000, "there is something to see");
-        assert!(shown == drawn, "{device:?}: another picture than `render` draws");
+        assert_eq!(differing(&shown, &drawn), 0, "{device:?}: another picture than `render` draws");
 
+        if device == GPU {
+            // Whatever room there is: what follows is the same.
+            continue;
+        }
         let window = harness.state_mut();
         window.save.path = path.with_extension("png").display().to_string();
         let _ = std::fs::remove_file(&window.save.path);
@@ -136,10 +145,10 @@ fn what_bricks_have_no_room_for_is_told_and_given_up_for_what_they_have() {
     // As is whatever is being drawn by bricks when there is something else to draw.
     harness.state_mut().view.render_settings.step = 0.5;
     wait(&mut harness, "bricks are drawn", |window| window.preview.refining().is_some() || window.preview.level() == 1);
-    harness.state_mut().view.render_settings.step = 2.0;
+    harness.state_mut().view.render_settings.step = 4.0;
     wait_for_bricks(&mut harness);
     let [shown, rendered] = shown_and_rendered(&mut harness, &path);
-    assert!(shown == rendered);
+    assert_eq!(differing(&shown, &rendered), 0);
     // A window that is closed while it draws, or makes ready.
     harness.state_mut().view.camera.orbit(10.0, 0.0);
     harness.step();
@@ -161,7 +170,7 @@ fn the_cpu_shows_what_fits_and_says_so() {
 }
 
 /// Writes over a layer's stored bricks in place.
-fn damage(path: &PathBuf, kind: LayerKind) {
+fn damage(path: &Path, kind: LayerKind) {
     let reader = Reader::open(path).expect("opens");
     let mut file = OpenOptions::new().write(true).open(path).expect("opens");
     for brick in 0..reader.grid(0).expect("a level").len() {
