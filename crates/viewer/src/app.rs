@@ -76,10 +76,10 @@ pub fn run_and_tell(
     drop(Gpu::new().with_context(|| without_window(path))?);
     let description = VolumeDescription::of(&opened.reader, 0).with_context(named)?;
     let mut window = KeptWindow::new(OpenedVolume::read(path, &opened.reader, &description).with_context(named)?);
-    if let Some(session) = session {
-        window.open_session(session);
+    if let Some(mismatch) = session.and_then(|session| window.open_session(session)) {
+        tell(format!("voxrole-view: {mismatch}"));
     }
-    let runner = Runner { path, reader: Arc::new(opened.reader), device, memory };
+    let runner = Runner { path, reader: opened.reader, device, memory };
     let mut kept = Kept { window, memory: None, place: ViewportBuilder::default().with_inner_size(SIZE) };
     let mut losses = 0;
     loop {
@@ -144,7 +144,8 @@ impl Runner<'_> {
             let loss = DeviceLoss::watch(&device, &context);
             let mut window = window.open(render_state, &texels, self.device)?;
             if is_read_anew {
-                window.finer = FinerLevels::read(&self.reader, texels.description.level, self.memory, context.clone());
+                let limits = (self.memory, window.preview.room_beside_bricks(self.memory));
+                window.finer = FinerLevels::read(&self.reader, texels.description.level, limits, context.clone());
             }
             // Kept by the window alone, where at all.
             drop(texels);

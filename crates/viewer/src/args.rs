@@ -30,8 +30,8 @@ pub struct Cli {
     /// What draws.
     #[command(flatten)]
     pub device: DeviceArgs,
-    /// Memory that the volume takes at most, such as 8GiB; a level of detail that takes more is not shown
-    /// [default: half of the machine's].
+    /// Memory that the volume takes at most, such as 8GiB; the finest level of detail comes in parts where it takes more and a GPU
+    /// draws, and is not shown where the CPU does [default: half of the machine's].
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub memory: Option<u64>,
     /// Layout of a headerless volume.
@@ -79,6 +79,9 @@ pub struct RenderArgs {
     /// Turn once around the volume in so many pictures, named OUT-000.png and so on [default for an animation: 36].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub frames: Option<u32>,
+    /// Pictures of an animation shown each second [default: 25].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=240))]
+    pub fps: Option<u16>,
     /// Bits of a channel; 16 are drawn on the CPU.
     #[arg(long, value_enum, default_value = "8")]
     pub bits: Bits,

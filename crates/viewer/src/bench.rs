@@ -10,7 +10,7 @@ use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::plot::{AxisScale, Chart, ChartAxis, Line, Point, Series, SeriesStyle, chart_png, chart_svg};
 
 use crate::args::BenchArgs;
-use crate::headless::{read_what_is_drawn, typed_state, write};
+use crate::headless::{print_regions, read_what_is_drawn, typed_state, write};
 use crate::reference::{RayMarcher, SampleCounts};
 use crate::state::{Integration, Technique, ViewState};
 use crate::volume::VolumeTexels;
@@ -53,6 +53,7 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     let in_folder = || output.display().to_string();
     let mut state = typed_state(view)?;
     state.render_settings.image_size = view.size.unwrap_or(SIZE);
+    let has_regions = !state.transfer_function.regions.is_empty();
     let volume = read_what_is_drawn(file, &raw.read_options(), view, &mut state)?;
     let volume = volume.in_memory("the CPU ray marcher needs").with_context(|| file.display().to_string())?;
     if !output.is_dir() {
@@ -60,6 +61,9 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     }
     let table = output.join("render.csv");
     atomic_file::check_output(&table, &[file]).with_context(in_folder)?;
+    if !has_regions {
+        print_regions(&state)?;
+    }
     let rows = measure(volume, &state)?;
     let source = file.file_name().unwrap_or_default().to_string_lossy();
     write(&table, csv(&source, &rows).as_bytes())?;

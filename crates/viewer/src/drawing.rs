@@ -16,7 +16,7 @@ use crate::scene::{ScaleBar, Surfaces};
 use crate::state::{Camera, ViewState};
 use crate::streaming::TexelSource;
 use crate::volume::{VolumeDescription, VolumeTexels};
-use crate::{Error, LightPicture, Picture, Result};
+use crate::{Error, LightPicture, Picture, Result, Watch};
 
 /// Rows that are drawn first; then as many as can be drawn in the time below.
 const FIRST_ROWS: u32 = 8;
@@ -61,12 +61,10 @@ impl OnGpu {
     fn draw(&mut self, camera: &Camera) -> Result<Picture> {
         let Self { gpu, renderer, target, state, .. } = self;
         state.camera = *camera;
-        draw_in_strips(gpu, renderer, state, target)?;
-        let mut picture = target.read_back(gpu)?;
-        if let Some(bar) = scale_bar(state, renderer.volume()) {
-            draw_over_picture(&bar, &mut picture, Vec3::from_array(state.render_settings.background))?;
-        }
-        Ok(picture)
+        // No driver gives up a CPU, and passes that end where bricks are missing are many where rows are few.
+        let least = if gpu.is_cpu && renderer.longest_pass().is_some() { ROWS_OF_BRICKS } else { 1 };
+        draw_in_strips((gpu, renderer), state, target, least, &Watch::default())?;
+        finished_picture(renderer, state, target)
     }
 
     /// Draws, and where the device is lost, as by a driver that is restarted, once more on a fresh one.
@@ -181,16 +179,21 @@ impl<'a> Drawing<'a> {
     }
 }
 
-/// Draws a few rows after another, so that no work of the device's takes so long that its driver gives it up.
-fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target: &Target) -> Result<()> {
+/// Draws a few rows after another, so that no work of the device's takes so long that its driver gives it up; `least` rows
+/// at least, until all are there or the picture is given up.
+pub(crate) fn draw_in_strips(
+    (gpu, renderer): (&Gpu, &mut Renderer),
+    state: &ViewState,
+    target: &Target,
+    least: u32,
+    watch: &Watch,
+) -> Result<()> {
     let [_, height] = target.size();
-    // No driver gives up a CPU, and passes that end where bricks are missing are many where rows are few.
-    let least = if gpu.is_cpu && renderer.longest_pass().is_some() { ROWS_OF_BRICKS } else { 1 };
     let (mut row, mut rows) = (0, FIRST_ROWS.max(least));
-    while row < height {
+    while row < height && !watch.is_given_up() {
         let start = Instant::now();
         let end = height.min(row + rows);
-        renderer.draw_rows(state, target, row..end)?;
+        renderer.draw_watched_rows(state, target, row..end, watch)?;
         let waited = gpu.device.poll(PollType::wait_indefinitely());
         waited.map_err(|error| gpu.error("drawing the picture", &error))?;
         let seconds = renderer.longest_pass().unwrap_or_else(|| start.elapsed().as_secs_f64());
@@ -199,9 +202,19 @@ fn draw_in_strips(gpu: &Gpu, renderer: &mut Renderer, state: &ViewState, target:
         } else if seconds < 0.25 * MOST_SECONDS {
             rows = rows.saturating_mul(2);
         }
+        watch.add_rows(end - row);
         row = end;
     }
     Ok(())
+}
+
+/// What was drawn into a target, with the bar over it where one is wanted.
+pub(crate) fn finished_picture(renderer: &Renderer, state: &ViewState, target: &Target) -> Result<Picture> {
+    let mut picture = target.read_back(renderer.gpu())?;
+    if let Some(bar) = scale_bar(state, renderer.volume()) {
+        draw_over_picture(&bar, &mut picture, Vec3::from_array(state.render_settings.background))?;
+    }
+    Ok(picture)
 }
 
 /// The bar over a picture, where one is wanted.

@@ -83,6 +83,9 @@ pub enum Error {
         /// What it said.
         reason: String,
     },
+    /// What was being done is no longer wanted.
+    #[error("it was given up")]
+    GivenUp,
     /// A picture cannot be encoded.
     #[error("encoding the picture as PNG: {0}")]
     Encode(#[from] image::ImageError),

@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use voxrole_pack::{HistogramKind, Reader, atomic_file};
 use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::io::ReadOptions;
 use voxrole_preprocess::usage::{UsageError, check_extension, refuse_if};
 
+use crate::Error;
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
 use crate::device_args::DeviceArgs;
@@ -18,13 +19,13 @@ use crate::open::{open_or_prepare, read_stored};
 use crate::picture::to_apng;
 use crate::reference::SampleCounts;
 use crate::render::DeviceMemory;
-use crate::state::{Camera, Classification, Region, Technique, TransferFunction, ViewState};
+use crate::state::{Camera, Classification, Crop, Region, SavedVolume, TransferFunction, ViewState};
 use crate::streaming::TexelSource;
 use crate::streaming::memory_bound::bound;
 use crate::usage::{check_render, check_view};
-use crate::volume::VolumeTexels;
+use crate::volume::{VolumeDescription, VolumeTexels};
 
-/// Pictures of an animation shown each second.
+/// Pictures of an animation shown each second, where nothing else is asked for.
 const PER_SECOND: u16 = 25;
 
 /// Draws what `arguments` ask for and writes it under its name when it is complete.
@@ -35,7 +36,6 @@ const PER_SECOND: u16 = 25;
 /// When the file cannot be read, the picture cannot be drawn or written, or no region is given and none can be proposed.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let outputs = Outputs::new(arguments)?;
-    let named = || arguments.file.display().to_string();
     let mut state = typed_state(&arguments.view)?;
     let settings = &mut state.render_settings;
     settings.technique = arguments.technique.unwrap_or(settings.technique);
@@ -49,10 +49,8 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     }
     check_render(arguments, &state)?;
     let start = Instant::now();
+    let has_regions = !state.transfer_function.regions.is_empty();
     let volume = read_what_is_drawn(&arguments.file, &arguments.raw.read_options(), &arguments.view, &mut state)?;
-    if state.render_settings.technique != Technique::Rays {
-        volume.in_memory("slices need").with_context(named)?;
-    }
     let reading = start.elapsed().as_secs_f64();
     let on_cpu = arguments.device.cpu || outputs.need_light;
     let drawing = if on_cpu {
@@ -65,9 +63,13 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     } else {
         Drawing::new(&volume, &state, arguments.device)
     };
-    let mut drawing = drawing.with_context(named)?;
+    let mut drawing = drawing.map_err(|error| of_volume(error, &arguments.file))?;
     if arguments.stats {
-        drawing.count_samples().with_context(named)?;
+        drawing.count_samples().map_err(|error| of_volume(error, &arguments.file))?;
+    }
+    if !has_regions {
+        // Once nothing stands in the way of their picture.
+        print_regions(&state)?;
     }
     let ready = start.elapsed().as_secs_f64() - reading;
     if let Some(path) = &arguments.save_session {
@@ -124,6 +126,13 @@ impl<'a> Outputs<'a> {
             return Err(UsageError(message).into());
         }
         let is_deep = *bits == Bits::Sixteen;
+        refuse_if(
+            arguments.fps.is_some() && !is_animation,
+            format!(
+                "--fps is an animation's: name the output OUT.apng, or leave it out; {} is a picture",
+                output.display()
+            ),
+        )?;
         refuse_if(is_animation && is_deep, format!("{}: animations have 8 bits a channel", output.display()))?;
         if let Some(path) = depth {
             check_extension(path, "npy")?;
@@ -180,7 +189,7 @@ impl<'a> Outputs<'a> {
             camera.orbit(360.0 * frame as f32 / self.frames as f32, 0.0);
             let start = Instant::now();
             let drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera });
-            let mut drawn = drawn.with_context(|| self.arguments.file.display().to_string())?;
+            let mut drawn = drawn.map_err(|error| of_volume(error, &self.arguments.file))?;
             seconds += start.elapsed().as_secs_f64();
             if let Some(taken) = drawn.samples {
                 samples = Some(samples.unwrap_or_default().plus(taken));
@@ -200,7 +209,7 @@ impl<'a> Outputs<'a> {
             last = Some(drawn);
         }
         if self.is_animation {
-            write(output, &to_apng(&pictures, PER_SECOND)?)?;
+            write(output, &to_apng(&pictures, self.arguments.fps.unwrap_or(PER_SECOND))?)?;
         }
         let drawn = Drawn { samples, ..last.context("no picture was asked for")? };
         if let (Some(path), Some(light)) = (depth, &drawn.light) {
@@ -208,6 +217,19 @@ impl<'a> Outputs<'a> {
         }
         Ok((drawn, seconds))
     }
+}
+
+/// Names the volume that an error is about; one about a mesh names that already.
+fn of_volume(error: Error, volume: &Path) -> anyhow::Error {
+    let is_mesh = matches!(error, Error::Mesh { .. });
+    let error = anyhow::Error::from(error);
+    if is_mesh { error } else { error.context(volume.display().to_string()) }
+}
+
+/// Prints regions as `--region` takes them.
+pub(crate) fn print_regions(state: &ViewState) -> anyhow::Result<()> {
+    let regions = &state.transfer_function.regions;
+    Ok(regions.iter().try_for_each(|region| print(&format!("--region {region}\n")))?)
 }
 
 /// Writes a file, which appears under its name when it is complete; errors name it.
@@ -244,11 +266,12 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
 }
 
 /// Reads what a state draws of a file, which is prepared first where that is needed, and proposes regions where nothing
-/// says what to draw. Texels of a packed file that take more memory than `view` lets them stay there.
+/// says what to draw. Texels of a packed file that take more memory than `view` lets them stay there. The state becomes that of
+/// this volume; where it was saved of another one, that is said on standard error.
 ///
 /// # Errors
-/// When the file cannot be read, is not of the kind that the state asks for, or nothing can be proposed; the message
-/// names it.
+/// When the file cannot be read, is not of the kind that the state asks for, nothing can be proposed, or what is kept of it by
+/// `--crop` lies beyond it; the message names it.
 pub fn read_what_is_drawn(
     file: &Path,
     options: &ReadOptions,
@@ -257,11 +280,41 @@ pub fn read_what_is_drawn(
 ) -> anyhow::Result<TexelSource> {
     let named = || file.display().to_string();
     if state.transfer_function.classification == Classification::Stored {
-        return Ok(read_stored(file, options)?.into());
+        let volume = read_stored(file, options)?;
+        check_crop(&state.clipping.crop, &volume.description).with_context(named)?;
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        take_volume(state, SavedVolume { name, value_range: volume.description.value_range });
+        return Ok(volume.into());
     }
     let opened = open_or_prepare(file, options)?;
+    // Refused before what takes its time.
+    check_crop(&state.clipping.crop, &VolumeDescription::of(&opened.reader, view.level).with_context(named)?)
+        .with_context(named)?;
     propose_where_needed(state, &opened.reader).with_context(named)?;
+    take_volume(state, SavedVolume::of(opened.reader.header()));
     TexelSource::open(opened, view.level, bound(view.memory)?).with_context(named)
+}
+
+/// Makes a state that of a volume.
+fn take_volume(state: &mut ViewState, volume: SavedVolume) {
+    if let Some(mismatch) = volume.mismatch(state.volume.as_ref()) {
+        tell(format!("voxrole-view: {mismatch}"));
+    }
+    state.volume = Some(volume);
+}
+
+/// Refuses a box that has nothing of a volume in it.
+fn check_crop(crop: &Crop, volume: &VolumeDescription) -> anyhow::Result<()> {
+    for ((ends, dim), axis) in crop.ends.iter().zip(volume.dims).zip(["x", "y", "z"]) {
+        let last = dim - 1;
+        // A single voxel is drawn as thick as it is.
+        let half = if dim == 1 { 0.5 } else { 0.0 };
+        ensure!(
+            ends[0] <= last as f32 + half && ends[1] >= -half,
+            "`--crop {crop}` keeps nothing: along {axis} the volume has the voxels 0 to {last}"
+        );
+    }
+    Ok(())
 }
 
 /// The session, or else the defaults, with everything that was typed in its place.
@@ -270,7 +323,7 @@ pub fn read_what_is_drawn(
 /// When the session cannot be read; as [`check_view`].
 pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let mut state = arguments.session.as_deref().map_or(Ok(ViewState::default()), read_session)?;
-    let ViewState { camera, transfer_function, clipping, render_settings, scene } = &mut state;
+    let ViewState { camera, transfer_function, clipping, render_settings, scene, .. } = &mut state;
     arguments.scene.apply(scene);
     for mesh in &mut scene.meshes {
         // So that a session that is saved can be opened from anywhere.
@@ -300,14 +353,13 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     Ok(state)
 }
 
-/// Takes the proposed regions, and prints them, where neither a region nor a curve says what to draw.
+/// Takes the proposed regions where neither a region nor a curve says what to draw.
 fn propose_where_needed(state: &mut ViewState, reader: &Reader) -> anyhow::Result<()> {
     let TransferFunction { classification, regions, curve, .. } = &mut state.transfer_function;
     let has_curve = !curve.points().is_empty();
     match classification {
         Classification::Roles if regions.is_empty() && !has_curve => {
             *regions = proposed_regions(reader)?;
-            regions.iter().try_for_each(|region| print(&format!("--region {region}\n")))?;
             Ok(())
         }
         Classification::Roles | Classification::Value | Classification::Stored => Ok(()),

@@ -30,6 +30,7 @@ pub mod streaming;
 pub mod ui;
 pub mod usage;
 pub mod volume;
+mod watch;
 
 pub use error::{Error, Result};
 pub use picture::{LightPicture, Picture, PixelLight};
@@ -37,3 +38,4 @@ pub use render::{Gpu, Renderer, Target};
 pub use state::ViewState;
 pub use streaming::{PackedVolume, TexelSource};
 pub use volume::{VolumeDescription, VolumeTexels};
+pub use watch::Watch;

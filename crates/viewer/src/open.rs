@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use tempfile::TempDir;
@@ -22,13 +23,19 @@ use crate::volume::{VolumeDescription, VolumeTexels};
 /// A packed file to read from.
 pub struct Opened {
     /// Its reader.
-    pub reader: Reader,
+    pub reader: Arc<Reader>,
     /// The folder of a file that was prepared only for this; removed with it.
     _prepared: Option<TempDir>,
 }
 
 impl From<Reader> for Opened {
     fn from(reader: Reader) -> Self {
+        Arc::new(reader).into()
+    }
+}
+
+impl From<Arc<Reader>> for Opened {
+    fn from(reader: Arc<Reader>) -> Self {
         Self { reader, _prepared: None }
     }
 }
@@ -43,7 +50,7 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     if is_packed(path)? {
         let typed = options.typed();
         ensure!(typed.is_empty(), "{}: what is packed is read as it is: leave {typed} out", named());
-        return Ok(Opened { reader: Reader::open(path).with_context(named)?, _prepared: None });
+        return Ok(Reader::open(path).with_context(named)?.into());
     }
     let volume = open_volume(path, options)?;
     let folder = tempfile::tempdir().context("making a temporary folder")?;
@@ -53,7 +60,7 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     volume.notes().iter().for_each(|note| tell(format!("voxrole-view: {file}: {note}")));
     let (settings, memory) = (Settings::new(Method::Auto), half_of_memory()?);
     prepare_file(volume, &settings, memory, &packed, &Silent).with_context(named)?;
-    Ok(Opened { reader: Reader::open(&packed).with_context(named)?, _prepared: Some(folder) })
+    Ok(Opened { reader: Arc::new(Reader::open(&packed).with_context(named)?), _prepared: Some(folder) })
 }
 
 fn is_packed(path: &Path) -> anyhow::Result<bool> {

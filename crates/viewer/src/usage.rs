@@ -19,6 +19,10 @@ pub fn check_view(typed: &ViewArgs, state: &ViewState) -> Result<(), UsageError>
     let found = state.scene.meshes.len() + state.scene.isosurfaces.len();
     let most = Scene::MOST_SURFACES;
     refuse_if(found > most, format!("--mesh and --isosurface: expected {most} at most, found {found}"))?;
+    if let Some(crop) = typed.crop {
+        let is_before = crop.ends.iter().any(|[_, high]| *high < -0.5);
+        refuse_if(is_before, format!("--crop {crop} keeps nothing: a volume's voxels are counted from 0"))?;
+    }
     let (has_regions, has_alpha) = (!typed.regions.is_empty(), typed.alpha.is_some());
     match state.transfer_function.classification {
         Classification::Roles => Ok(()),
@@ -121,6 +125,7 @@ mod tests {
             ("--technique slices --jitter".into(), "for rays"),
             ("--jitter".into(), "--integration post"),
             ("--transparent --background FFFFFF".into(), "leave --background out"),
+            ("--crop :,-9:-1,:".into(), "keeps nothing"),
             ("--clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1".into(), "at most 4"),
             ("--isosurface 1 ".repeat(Scene::MOST_SURFACES + 1), "32 at most"),
         ] {

@@ -221,7 +221,7 @@ pub struct SliceArgs {
     #[arg(long, value_enum)]
     pub axis: AxisArg,
     /// Which slice, from 0.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub index: u32,
     /// Picture to write.
     #[arg(short, long, value_name = "OUT.png")]

@@ -7,6 +7,7 @@ use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow, ensure};
 use serde::Serialize;
@@ -15,7 +16,7 @@ use voxrole_preprocess::report::Report;
 use voxrole_preprocess::usage::{UsageError, refuse_if};
 
 /// One volume and the packed file that it becomes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Task {
     pub input: PathBuf,
     pub output: PathBuf,
@@ -215,27 +216,72 @@ pub fn run(
 
 /// A line for each task, and one for all.
 pub fn table(tasks: &[Task], outcomes: &[Outcome]) -> String {
+    let mut text = lines(tasks, outcomes.iter().map(|outcome| Some(columns_of(outcome))));
+    let Tally { prepared, skipped, failed } = Tally::new(outcomes);
+    let there = if skipped > 0 { format!("{skipped} there already, ") } else { String::new() };
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "{} volumes: {prepared} prepared, {there}{failed} failed", tasks.len());
+    text
+}
+
+/// The columns behind a task's name.
+fn columns_of(outcome: &Outcome) -> String {
+    match outcome {
+        Ok(Done::Prepared(report)) => {
+            let Report { counts, seconds, file_bytes, .. } = &**report;
+            let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
+            let voxels = counts.voxels;
+            format!("{voxels:>12}  {share:>6.1}  {seconds:>9.2}  {file_bytes:>12}")
+        }
+        Ok(Done::Skipped) => "was there already".to_owned(),
+        Err(error) => format!("error: {}", one_line(&format!("{error:#}"))),
+    }
+}
+
+/// A heading, and a line for each task.
+fn lines(tasks: &[Task], columns: impl Iterator<Item = Option<String>>) -> String {
     let names: Vec<_> = tasks.iter().map(|task| one_line(&file_name(&task.input))).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("volume".len());
     let mut text =
         format!("{:width$}  {:>12}  {:>6}  {:>9}  {:>12}\n", "volume", "voxels", "hits %", "seconds", "bytes");
-    for (name, outcome) in names.iter().zip(outcomes) {
-        // Writing to a string does not fail.
-        let _ = match outcome {
-            Ok(Done::Prepared(report)) => {
-                let Report { counts, seconds, file_bytes, .. } = &**report;
-                let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
-                let voxels = counts.voxels;
-                writeln!(text, "{name:width$}  {voxels:>12}  {share:>6.1}  {seconds:>9.2}  {file_bytes:>12}")
-            }
-            Ok(Done::Skipped) => writeln!(text, "{name:width$}  was there already"),
-            Err(error) => writeln!(text, "{name:width$}  error: {}", one_line(&format!("{error:#}"))),
-        };
+    for (name, columns) in names.iter().zip(columns) {
+        let _ = writeln!(text, "{name:width$}  {}", columns.as_deref().unwrap_or("not done"));
     }
-    let Tally { prepared, skipped, failed } = Tally::new(outcomes);
-    let there = if skipped > 0 { format!("{skipped} there already, ") } else { String::new() };
-    let _ = writeln!(text, "{} volumes: {prepared} prepared, {there}{failed} failed", tasks.len());
     text
+}
+
+/// What came of the tasks of a run that is not over, for an interrupt to print.
+static SO_FAR: Mutex<Option<SoFar>> = Mutex::new(None);
+
+struct SoFar {
+    tasks: Vec<Task>,
+    /// The columns of each that is done.
+    columns: Vec<Option<String>>,
+}
+
+/// Takes note of the tasks of a run, none of which is done.
+pub fn begin(tasks: &[Task]) {
+    let (tasks, columns) = (tasks.to_vec(), vec![None; tasks.len()]);
+    *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(SoFar { tasks, columns });
+}
+
+/// Takes note of what came of a task.
+pub fn note(task: &Task, outcome: &Outcome) {
+    if let Some(SoFar { tasks, columns }) = &mut *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner)
+        && let Some(index) = tasks.iter().position(|of| of.output == task.output)
+    {
+        columns[index] = Some(columns_of(outcome));
+    }
+}
+
+/// The table of a run of several tasks that is not over.
+pub fn table_so_far() -> Option<String> {
+    let so_far = SO_FAR.lock().unwrap_or_else(PoisonError::into_inner);
+    let SoFar { tasks, columns } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
+    let mut text = lines(tasks, columns.iter().cloned());
+    let done = columns.iter().flatten().count();
+    let _ = writeln!(text, "{} volumes: {done} done, {} not", tasks.len(), tasks.len() - done);
+    Some(text)
 }
 
 /// One entry of the report on several inputs.
@@ -285,6 +331,22 @@ mod tests {
             assert_eq!(packed_name(Path::new(input)), Some(name.into()), "{input}");
         }
         assert_eq!(packed_name(Path::new("..")), None);
+    }
+
+    #[test]
+    fn an_interrupted_run_has_a_table_of_what_was_done() {
+        let inputs = ["a.nrrd", "b.nrrd", "c.nrrd"].map(PathBuf::from);
+        let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
+        begin(&tasks[..1]);
+        assert_eq!(table_so_far(), None, "one volume needs no table");
+        begin(&tasks);
+        note(&tasks[2], &Ok(Done::Skipped));
+        note(&tasks[0], &Err(anyhow!("is\ndamaged")));
+        let table = table_so_far().expect("there are several");
+        let lines: Vec<&str> = table.lines().skip(1).collect();
+        let expected =
+            ["a.nrrd  error: is damaged", "b.nrrd  not done", "c.nrrd  was there already", "3 volumes: 2 done, 1 not"];
+        assert_eq!(lines, expected);
     }
 
     #[test]

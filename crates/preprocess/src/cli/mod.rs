@@ -40,8 +40,12 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     .map(|()| ExitCode::SUCCESS)
 }
 
-/// Says what an interrupt left.
+/// Says what an interrupt left, and of several volumes which are done.
 pub fn say_interrupted() {
+    if let Some(table) = batch::table_so_far() {
+        // Whatever standard output is, the program ends.
+        let _ = print(&table);
+    }
     let kept = voxrole_pack::unfinished::kept();
     if kept.is_empty() {
         terminal::say_last("interrupted; nothing is kept of what was being done, what was finished before is there");

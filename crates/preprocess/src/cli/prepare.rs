@@ -64,10 +64,14 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
             report.map(|report| Done::prepared(report, task)).map_err(|error| with_way_on(error, &task.output))
         })
     };
-    let outcomes = batch::run(&tasks, jobs, work, |task, outcome| match outcome {
-        Ok(Done::Prepared(report)) => terminal.done(&task.input, &task.output, report),
-        Ok(Done::Skipped) => terminal.skipped(&task.input, &task.output),
-        Err(error) => terminal.error(Some(&task.input), error),
+    batch::begin(&tasks);
+    let outcomes = batch::run(&tasks, jobs, work, |task, outcome| {
+        batch::note(task, outcome);
+        match outcome {
+            Ok(Done::Prepared(report)) => terminal.done(&task.input, &task.output, report),
+            Ok(Done::Skipped) => terminal.skipped(&task.input, &task.output),
+            Err(error) => terminal.error(Some(&task.input), error),
+        }
     });
     conclude(args, &tasks, &outcomes, terminal)
 }

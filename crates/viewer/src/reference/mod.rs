@@ -10,7 +10,6 @@ pub mod roles;
 pub mod sampling;
 pub mod shading;
 pub mod value;
-mod watch;
 
 use std::sync::Arc;
 
@@ -29,7 +28,7 @@ use crate::scene::{OpaquePixel, Surfaces};
 use crate::slicing::{Sample, Samples};
 use crate::state::{Camera, Classification, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
-use crate::{Error, LightPicture, Picture, PixelLight, Result};
+use crate::{Error, LightPicture, Picture, PixelLight, Result, Watch};
 
 use cell::Cell;
 use occlusion::Darkening;
@@ -37,7 +36,6 @@ use roles::Roles;
 use sampling::{RoleSample, Sampler};
 use shading::Lighting;
 use value::ByValue;
-pub use watch::Watch;
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;

@@ -103,21 +103,25 @@ impl BrickAtlas {
         if free == 0 {
             return Ok(());
         }
-        let drawable = occupancy.map(|occupancy| occupancy.drawn_blocks((BRICK / MACROCELL) as usize));
-        let absent = (0..self.places.len())
-            .filter(|&brick| self.places[brick][3] == 0 && drawable.as_ref().is_none_or(|drawable| drawable[brick]));
         let distance = |&brick: &usize| {
             let start = Vec3::from_array(self.start(brick).map(|voxel| voxel as f32));
             (((start + 0.5 * BRICK as f32) * frame.spacing - frame.rays.origin).length() * 256.0) as u64
         };
-        let mut absent: Vec<usize> = absent.collect();
+        let mut absent = self.drawable(occupancy);
+        absent.retain(|&brick| self.places[brick][3] == 0);
         absent.sort_by_cached_key(distance);
         absent.truncate(free);
         self.bring(gpu, &absent, &[])
     }
 
+    /// The bricks that something can be drawn of; all where rays do not leap.
+    pub fn drawable(&self, occupancy: Option<&Occupancy>) -> Vec<usize> {
+        let drawable = occupancy.map(|occupancy| occupancy.drawn_blocks((BRICK / MACROCELL) as usize));
+        (0..self.places.len()).filter(|&brick| drawable.as_ref().is_none_or(|drawable| drawable[brick])).collect()
+    }
+
     /// The first voxel of a brick.
-    fn start(&self, brick: usize) -> [u32; 3] {
+    pub fn start(&self, brick: usize) -> [u32; 3] {
         along_axes(brick, [self.grid[0] as usize, self.grid[1] as usize]).map(|brick| brick * BRICK)
     }
 

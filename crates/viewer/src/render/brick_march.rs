@@ -22,7 +22,7 @@ use super::brick_atlas::BrickAtlas;
 use super::gpu::Gpu;
 use super::target::{Target, read_back};
 use super::uniforms::Uniforms;
-use crate::Result;
+use crate::{Result, Watch};
 
 /// Rows that are drawn together: what their rays need should fit.
 const STRIP: u32 = 64;
@@ -70,7 +70,7 @@ impl BrickMarch {
         self.longest
     }
 
-    /// Draws some rows of the target, and waits for them.
+    /// Draws some rows of the target, and waits for them; leaves some as they are where the picture is given up meanwhile.
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device is lost; as [`BrickAtlas::bring`].
@@ -81,7 +81,7 @@ impl BrickMarch {
         uniforms: &Uniforms,
         atlas: &mut BrickAtlas,
         target: &Target,
-        rows: Range<u32>,
+        (rows, watch): (Range<u32>, &Watch),
     ) -> Result<()> {
         let [width, _] = target.size();
         let strips = self.strips.take().filter(|[strip, _]| strip.progress.width() == width);
@@ -106,6 +106,9 @@ impl BrickMarch {
                 self.longest = self.longest.max(start.elapsed().as_secs_f64());
                 if !leader.follow(&waiting) {
                     break;
+                }
+                if watch.is_given_up() {
+                    return Ok(());
                 }
                 atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks)?;
             }

@@ -13,6 +13,7 @@ mod proxy_geometry;
 mod ray_march;
 mod renderer;
 mod shader;
+mod slice_bricks;
 mod slicing;
 pub mod target;
 mod uniforms;

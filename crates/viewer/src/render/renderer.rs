@@ -17,13 +17,13 @@ use super::slicing::SliceBlending;
 use super::target::Target;
 use super::uniforms::Uniforms;
 use super::volume_textures::{VolumeTextures, WholeVolume, too_large};
-use crate::Result;
 use crate::classify::MacrocellRanges;
 use crate::reference::SampleCounts;
 use crate::scene::Surfaces;
 use crate::state::{Classification, Scene, ViewState};
 use crate::streaming::TexelSource;
 use crate::volume::VolumeDescription;
+use crate::{Result, Watch};
 
 /// A volume on a device, ready to be drawn.
 pub struct Renderer {
@@ -38,6 +38,8 @@ pub struct Renderer {
     geometry: Geometry,
     /// Which of its textures are bound.
     bound_geometry: u64,
+    /// Seconds of the longest pass over the rows that were drawn last.
+    longest: f64,
 }
 
 /// What of the volume is there, and how it is drawn.
@@ -91,6 +93,7 @@ impl Renderer {
                 passes,
                 geometry,
                 bound_geometry,
+                longest: 0.0,
             }
         })
     }
@@ -170,7 +173,7 @@ impl Renderer {
     pub fn longest_pass(&self) -> Option<f64> {
         match &self.passes {
             Passes::Whole(..) => None,
-            Passes::Bricks(bricks) => Some(bricks.1.longest()),
+            Passes::Bricks(_) => Some(self.longest),
         }
     }
 
@@ -188,12 +191,29 @@ impl Renderer {
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses what slices need or is lost while bricks are brought to it,
-    /// [`crate::Error::VolumeTooLarge`] for slices of a volume that comes brick by brick, [`crate::Error::Pack`] when a
+    /// [`crate::Error::VolumeTooLarge`] when there is no room for the bricks of a step by value, or of a slice in a pixel, [`crate::Error::Pack`] when a
     /// brick of a file is damaged, [`crate::Error::TooMuchMemory`] when memory does not suffice for its occlusion.
     ///
     /// # Panics
     /// When `rows` reach beyond the target.
     pub fn draw_rows(&mut self, state: &ViewState, target: &Target, rows: Range<u32>) -> Result<()> {
+        self.draw_watched_rows(state, target, rows, &Watch::default())
+    }
+
+    /// The same; where the picture is given up while bricks are brought, some of the rows are left as they are.
+    ///
+    /// # Errors
+    /// As [`Self::draw_rows`].
+    ///
+    /// # Panics
+    /// As [`Self::draw_rows`].
+    pub fn draw_watched_rows(
+        &mut self,
+        state: &ViewState,
+        target: &Target,
+        rows: Range<u32>,
+        watch: &Watch,
+    ) -> Result<()> {
         let [_, height] = target.size();
         assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
         let gpu = &self.gpu;
@@ -214,17 +234,10 @@ impl Renderer {
                     return march.draw_rows(gpu, &self.bind_group, target, rows);
                 };
                 march.forget_samples();
-                let slice_blending = match self.slice_blending.take() {
-                    Some(slice_blending) => slice_blending,
-                    None => SliceBlending::new(gpu, &self.bindings)?,
-                };
-                let slice_blending = self.slice_blending.insert(slice_blending);
+                let slice_blending = made(&mut self.slice_blending, gpu, &self.bindings, false)?;
                 slice_blending.draw(gpu, &self.bind_group, (&frame, slicing), target, rows)
             }
-            Passes::Bricks(_) if frame.slicing.is_some() => {
-                Err(too_large(gpu, "slices need all of it there; draw it with rays".into()))
-            }
-            Passes::Bricks(bricks) if is_by_value && bricks.0.room() < MOST_OF_STEP => {
+            Passes::Bricks(bricks) if is_by_value && frame.slicing.is_none() && bricks.0.room() < MOST_OF_STEP => {
                 let (found, needed) = (bricks.0.room(), MOST_OF_STEP);
                 Err(too_large(
                     gpu,
@@ -233,11 +246,43 @@ impl Renderer {
             }
             Passes::Bricks(bricks) => {
                 let (atlas, march) = &mut **bricks;
+                let occupancy = self.lookup_textures.occupancy();
                 if changes.occupancy {
-                    atlas.fill(gpu, self.lookup_textures.occupancy(), &frame)?;
+                    atlas.fill(gpu, occupancy, &frame)?;
                 }
-                march.draw_rows(gpu, (&self.bindings, &self.bind_group), &uniforms, atlas, target, rows)
+                let Some(slicing) = &frame.slicing else {
+                    march.draw_rows(
+                        gpu,
+                        (&self.bindings, &self.bind_group),
+                        &uniforms,
+                        atlas,
+                        target,
+                        (rows, watch),
+                    )?;
+                    self.longest = march.longest();
+                    return Ok(());
+                };
+                // What a step by value needs at its ends need not be drawable.
+                let drawable = atlas.drawable(occupancy.filter(|_| frame.classification == Classification::Roles));
+                let slice_blending = made(&mut self.slice_blending, gpu, &self.bindings, true)?;
+                let bricks = (atlas, drawable.as_slice());
+                slice_blending.draw_bricks(gpu, &self.bind_group, (&frame, slicing), bricks, target, (rows, watch))?;
+                self.longest = slice_blending.longest();
+                Ok(())
             }
         }
     }
+}
+
+/// The passes for slices, which are made when they are asked for.
+fn made<'a>(
+    slice_blending: &'a mut Option<SliceBlending>,
+    gpu: &Gpu,
+    bindings: &Bindings,
+    has_bricks: bool,
+) -> Result<&'a mut SliceBlending> {
+    Ok(match slice_blending.take() {
+        Some(there) => slice_blending.insert(there),
+        None => slice_blending.insert(SliceBlending::new(gpu, bindings, has_bricks)?),
+    })
 }

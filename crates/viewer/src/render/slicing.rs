@@ -1,23 +1,29 @@
 //! The passes that draw a volume as slices: all slices into a texture of light, blended back to front, then that over
-//! the background.
+//! the background. Where the volume comes brick by brick, tile by tile of the picture, and as many slices at a time as their
+//! bricks have room.
 
+use std::collections::HashSet;
 use std::ops::Range;
+use std::time::Instant;
 
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindingResource,
     BlendState, Buffer, BufferDescriptor, BufferUsages, Color, CommandEncoderDescriptor, Extent3d, Features, LoadOp,
-    RenderPassColorAttachment, RenderPassDescriptor, RenderPipeline, TextureDescriptor, TextureDimension,
+    PollType, RenderPassColorAttachment, RenderPassDescriptor, RenderPipeline, TextureDescriptor, TextureDimension,
     TextureFormat, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, VertexBufferLayout,
     VertexStepMode, vertex_attr_array,
 };
 
 use super::bindings::{Bindings, Pass, attachment, draw_rows, entry, float_texture};
+use super::brick_atlas::BrickAtlas;
 use super::gpu::Gpu;
 use super::proxy_geometry::{ProxyGeometry, SliceVertex};
+use super::slice_bricks::{BrickExtent, Tile};
 use super::target::Target;
-use crate::Result;
+use super::volume_textures::too_large;
 use crate::frame::Frame;
 use crate::slicing::Slicing;
+use crate::{Result, Watch};
 
 /// Corners of triangles that are drawn at once: those of some ten thousand slices.
 const MOST_VERTICES: usize = 1 << 17;
@@ -32,6 +38,7 @@ pub struct SliceBlending {
     light_layout: BindGroupLayout,
     vertex_buffer: Buffer,
     light: Option<Light>,
+    longest: f64,
 }
 
 /// Light premultiplied by opacity, and opacity, of every pixel.
@@ -41,12 +48,54 @@ struct Light {
     bind_group: BindGroup,
 }
 
+/// Slices that are drawn together.
+#[derive(Default)]
+struct Run {
+    vertices: Range<usize>,
+    bricks: HashSet<usize>,
+}
+
+/// All slices of a frame, those at the back first.
+struct Slices {
+    vertices: Vec<SliceVertex>,
+    /// Of each its number, and where its corners are.
+    slices: Vec<(i32, Range<usize>)>,
+}
+
+impl Slices {
+    fn new(frame: &Frame, slicing: &Slicing) -> Self {
+        let (mut geometry, mut vertices) = (ProxyGeometry::new(frame, slicing), Vec::new());
+        let mut slices = Vec::new();
+        loop {
+            let start = vertices.len();
+            // One slice, whose corners come at once.
+            geometry.add_triangles(1, &mut vertices);
+            let Some(first) = vertices.get(start) else { return Self { vertices, slices } };
+            slices.push((first.number as i32, start..vertices.len()));
+        }
+    }
+
+    /// For each slice the bricks of a tile that it needs.
+    fn needed(&self, extents: &[BrickExtent]) -> Vec<Vec<usize>> {
+        let numbers = || self.slices.iter().map(|(number, _)| *number);
+        let (Some(first), Some(last)) = (numbers().min(), numbers().max()) else { return Vec::new() };
+        let mut by_number = vec![Vec::new(); (last - first) as usize + 1];
+        for extent in extents {
+            let slices = extent.slices();
+            for number in (*slices.start()).max(first)..=(*slices.end()).min(last) {
+                by_number[(number - first) as usize].push(extent.brick);
+            }
+        }
+        numbers().map(|number| std::mem::take(&mut by_number[(number - first) as usize])).collect()
+    }
+}
+
 impl SliceBlending {
-    /// Compiles the shaders.
+    /// Compiles the shaders, for a volume that is there as a whole or brick by brick.
     ///
     /// # Errors
     /// [`crate::Error::Device`] when the device refuses them.
-    pub fn new(gpu: &Gpu, bindings: &Bindings) -> Result<Self> {
+    pub fn new(gpu: &Gpu, bindings: &Bindings, has_bricks: bool) -> Result<Self> {
         // What a faint slice adds is less than the last place of a half: off by 9/255 for αd = linear,0.1,15 and steps
         // of a quarter.
         let is_single = gpu.device.features().contains(Features::FLOAT32_BLENDABLE);
@@ -69,13 +118,14 @@ impl SliceBlending {
                 gpu,
                 &Pass {
                     vertices: ("slice_vertex", &[Some(vertices)]),
+                    has_bricks,
                     blend: Some(BlendState::PREMULTIPLIED_ALPHA_BLENDING),
                     ..Pass::new("slice_fragment", &[format])
                 },
             );
             let pass = Pass { own: Some(&light_layout), ..Pass::new("slices_over_background", &[Target::FORMAT]) };
             let over_background = bindings.pipeline(gpu, &pass);
-            Self { format, slices, over_background, light_layout, vertex_buffer, light: None }
+            Self { format, slices, over_background, light_layout, vertex_buffer, light: None, longest: 0.0 }
         })
     }
 
@@ -91,39 +141,159 @@ impl SliceBlending {
         target: &Target,
         rows: Range<u32>,
     ) -> Result<()> {
-        let light = match self.light.take().filter(|light| light.size == target.size()) {
-            Some(light) => light,
-            None => gpu.checked("making room for slices", || self.light(gpu, target.size()))?,
-        };
-        let light = self.light.insert(light);
-        let [width, height] = target.size();
-        assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
+        self.make_room(gpu, target, &rows)?;
+        let [width, _] = target.size();
         let mut geometry = ProxyGeometry::new(frame, slicing);
         let mut vertices = Vec::new();
         let mut load = LoadOp::Clear(Color::TRANSPARENT);
         loop {
             vertices.clear();
             geometry.add_triangles(MOST_VERTICES, &mut vertices);
-            gpu.queue.write_buffer(&self.vertex_buffer, 0, bytemuck::cast_slice(&vertices));
-            let is_last = vertices.len() < MOST_VERTICES;
-            let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("slices") });
-            {
-                let mut pass = encoder.begin_render_pass(&pass("slices", &[attachment(&light.view, load)]));
-                pass.set_scissor_rect(0, rows.start, width, rows.end - rows.start);
-                pass.set_pipeline(&self.slices);
-                pass.set_bind_group(0, bind_group, &[]);
-                pass.set_vertex_buffer(0, self.vertex_buffer.slice(..));
-                pass.draw(0..vertices.len() as u32, 0..1);
-            }
-            // Before the next vertices are written into the same buffer.
-            gpu.queue.submit([encoder.finish()]);
-            if is_last {
+            let tile = Tile { low: [0, rows.start], high: [width, rows.end] };
+            self.blend(gpu, bind_group, &vertices, (tile, load));
+            if vertices.len() < MOST_VERTICES {
                 break;
             }
             load = LoadOp::Load;
         }
+        self.put_over_background(gpu, bind_group, target, rows);
+        Ok(())
+    }
+
+    /// Draws some rows of the target by bricks, of which `drawable` are needed where they are met, and waits for them; leaves
+    /// some as they are where the picture is given up meanwhile.
+    ///
+    /// # Errors
+    /// As [`Self::draw`] and [`BrickAtlas::bring`]; [`crate::Error::VolumeTooLarge`] when there is no room for what one slice
+    /// needs in one pixel.
+    pub fn draw_bricks(
+        &mut self,
+        gpu: &Gpu,
+        bind_group: &BindGroup,
+        (frame, slicing): (&Frame, &Slicing),
+        (atlas, drawable): (&mut BrickAtlas, &[usize]),
+        target: &Target,
+        (rows, watch): (Range<u32>, &Watch),
+    ) -> Result<()> {
+        self.make_room(gpu, target, &rows)?;
+        self.longest = 0.0;
+        let tile = Tile { low: [0, rows.start], high: [target.size()[0], rows.end] };
+        self.blend(gpu, bind_group, &[], (tile, LoadOp::Clear(Color::TRANSPARENT)));
+        let extents: Vec<_> =
+            drawable.iter().map(|&brick| BrickExtent::new(brick, atlas.start(brick), frame, slicing)).collect();
+        let slices = Slices::new(frame, slicing);
+        let mut tiles = vec![(tile, extents)];
+        while let Some((tile, mut extents)) = tiles.pop() {
+            extents.retain(|extent| extent.is_in(tile));
+            let needed = slices.needed(&extents);
+            let most = needed.iter().map(Vec::len).max().unwrap_or(0);
+            if most <= atlas.room() {
+                self.draw_tile(gpu, bind_group, (&slices, &needed), atlas, (tile, watch))?;
+            } else if let Some(halves) = tile.halves() {
+                tiles.extend(halves.map(|half| (half, extents.clone())));
+            } else {
+                let room = atlas.room();
+                return Err(too_large(
+                    gpu,
+                    format!("there is room for {room} bricks of it, and slices need {most} at once; draw it with rays"),
+                ));
+            }
+            if watch.is_given_up() {
+                return Ok(());
+            }
+        }
+        self.put_over_background(gpu, bind_group, target, rows);
+        Ok(())
+    }
+
+    /// Seconds of the longest pass over the rows that were drawn last by bricks, for which the device worked without a break.
+    pub fn longest(&self) -> f64 {
+        self.longest
+    }
+
+    /// Draws all slices of a tile of which none needs more bricks than there is room for.
+    fn draw_tile(
+        &mut self,
+        gpu: &Gpu,
+        bind_group: &BindGroup,
+        (slices, needed): (&Slices, &[Vec<usize>]),
+        atlas: &mut BrickAtlas,
+        (tile, watch): (Tile, &Watch),
+    ) -> Result<()> {
+        let mut run = Run::default();
+        for ((_, vertices), bricks) in slices.slices.iter().zip(needed).filter(|(_, bricks)| !bricks.is_empty()) {
+            let more = bricks.iter().filter(|brick| !run.bricks.contains(brick)).count();
+            let is_next = run.vertices.end == vertices.start;
+            let is_full = run.bricks.len() + more > atlas.room() || run.vertices.len() >= MOST_VERTICES;
+            if !is_next || is_full {
+                self.draw_run(gpu, bind_group, &slices.vertices, &run, atlas, tile)?;
+                if watch.is_given_up() {
+                    return Ok(());
+                }
+                run = Run { vertices: vertices.start..vertices.start, bricks: HashSet::new() };
+            }
+            run.bricks.extend(bricks);
+            run.vertices.end = vertices.end;
+        }
+        self.draw_run(gpu, bind_group, &slices.vertices, &run, atlas, tile)
+    }
+
+    fn draw_run(
+        &mut self,
+        gpu: &Gpu,
+        bind_group: &BindGroup,
+        vertices: &[SliceVertex],
+        run: &Run,
+        atlas: &mut BrickAtlas,
+        tile: Tile,
+    ) -> Result<()> {
+        if run.vertices.is_empty() {
+            return Ok(());
+        }
+        let mut bricks: Vec<usize> = run.bricks.iter().copied().collect();
+        // Which come in the place of which must not depend on how they are kept here.
+        bricks.sort_unstable();
+        atlas.bring(gpu, &bricks, &bricks)?;
+        let start = Instant::now();
+        self.blend(gpu, bind_group, &vertices[run.vertices.clone()], (tile, LoadOp::Load));
+        let waited = gpu.device.poll(PollType::wait_indefinitely());
+        waited.map_err(|error| gpu.error("drawing slices", &error))?;
+        self.longest = self.longest.max(start.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    /// Blends slices over the light of a tile.
+    fn blend(&self, gpu: &Gpu, bind_group: &BindGroup, vertices: &[SliceVertex], (tile, load): (Tile, LoadOp<Color>)) {
+        let Some(light) = &self.light else { return };
+        gpu.queue.write_buffer(&self.vertex_buffer, 0, bytemuck::cast_slice(vertices));
+        let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor { label: Some("slices") });
+        {
+            let mut pass = encoder.begin_render_pass(&pass("slices", &[attachment(&light.view, load)]));
+            let [width, height] = [0, 1].map(|axis: usize| tile.high[axis] - tile.low[axis]);
+            pass.set_scissor_rect(tile.low[0], tile.low[1], width, height);
+            pass.set_pipeline(&self.slices);
+            pass.set_bind_group(0, bind_group, &[]);
+            pass.set_vertex_buffer(0, self.vertex_buffer.slice(..));
+            pass.draw(0..vertices.len() as u32, 0..1);
+        }
+        // Before the next vertices are written into the same buffer.
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    fn put_over_background(&self, gpu: &Gpu, bind_group: &BindGroup, target: &Target, rows: Range<u32>) {
+        let Some(light) = &self.light else { return };
         let attachments = [attachment(target.view(), LoadOp::Load)];
-        draw_rows(gpu, &self.over_background, &[bind_group, &light.bind_group], &attachments, (width, rows));
+        let groups = [bind_group, &light.bind_group];
+        draw_rows(gpu, &self.over_background, &groups, &attachments, (target.size()[0], rows));
+    }
+
+    /// Makes room for the light of a target's pixels.
+    fn make_room(&mut self, gpu: &Gpu, target: &Target, rows: &Range<u32>) -> Result<()> {
+        let [_, height] = target.size();
+        assert!(rows.start <= rows.end && rows.end <= height, "rows {rows:?} reach beyond {height}");
+        if self.light.as_ref().is_none_or(|light| light.size != target.size()) {
+            self.light = Some(gpu.checked("making room for slices", || self.light(gpu, target.size()))?);
+        }
         Ok(())
     }
 

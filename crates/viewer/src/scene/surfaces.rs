@@ -38,13 +38,19 @@ impl Surfaces {
     pub fn of_source(state: &ViewState, source: &TexelSource) -> Result<Self> {
         match source {
             TexelSource::Memory(volume) => Self::of(state, volume),
-            TexelSource::File(packed) => {
-                let volume = packed.description();
-                Self::gather(&state.scene, volume, |isosurface, room| {
-                    find_in_file(packed, isosurface, level_of(isosurface, volume)?, room)
-                })
-            }
+            TexelSource::File(packed) => Self::of_file(&state.scene, packed),
         }
+    }
+
+    /// The surfaces of a scene in a volume whose texels are in a file.
+    ///
+    /// # Errors
+    /// As [`Self::of_source`].
+    pub fn of_file(scene: &Scene, packed: &PackedVolume) -> Result<Self> {
+        let volume = packed.description();
+        Self::gather(scene, volume, |isosurface, room| {
+            find_in_file(packed, isosurface, level_of(isosurface, volume)?, room)
+        })
     }
 
     /// Reads the meshes, and finds the isosurfaces among values as a volume's texels hold them, by the texel's number.

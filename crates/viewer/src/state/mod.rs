@@ -12,6 +12,7 @@ pub mod curve;
 pub mod painted_map;
 pub mod region;
 pub mod render_settings;
+pub mod saved_volume;
 pub mod scene;
 pub mod session;
 pub mod shape;
@@ -28,6 +29,7 @@ pub use curve::{ControlPoint, Curve};
 pub use painted_map::PaintedMap;
 pub use region::Region;
 pub use render_settings::{Integration, Light, RenderSettings, Shading};
+pub use saved_volume::SavedVolume;
 pub use scene::{Isosurface, MeshFile, Scene};
 pub use shape::Shape;
 pub use technique::Technique;
@@ -47,6 +49,9 @@ pub struct ViewState {
     pub render_settings: RenderSettings,
     /// What is drawn beside the volume.
     pub scene: Scene,
+    /// Which volume that is of, as far as it is known; changes no picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume: Option<SavedVolume>,
 }
 
 /// A command-line form that could not be understood; says what was expected.

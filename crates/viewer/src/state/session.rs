@@ -103,7 +103,7 @@ written_as_typed!(ClipPlane, Crop, Curve, Isosurface, MeshFile, Region, TwoSided
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::{Integration, PaintedMap, Projection, Technique};
+    use crate::state::{Integration, PaintedMap, Projection, SavedVolume, Technique};
 
     #[test]
     fn everything_survives_the_round_trip() {
@@ -128,6 +128,8 @@ mod tests {
         state.scene.axes = true;
         state.scene.meshes = vec!["a,b.stl,00FF00".parse().expect("a mesh")];
         state.scene.isosurfaces = vec!["0.1,FF0000".parse().expect("an isosurface")];
+        assert!(!state.to_toml().expect("is written").contains("[volume]"));
+        state.volume = Some(SavedVolume { name: "a \"b\".nrrd".into(), value_range: [-0.1, 1e300] });
         let text = state.to_toml().expect("is written");
         assert_eq!(ViewState::from_toml(&text), Ok(state), "{text}");
         for line in [

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
@@ -14,9 +14,9 @@ use voxrole_preprocess::byte_size::byte_size_text;
 use super::brick_cache::BrickCache;
 use super::memory_bound::too_much;
 use super::texel_brick::{TexelBrick, ValueShares};
-use crate::Result;
 use crate::open::Opened;
 use crate::volume::VolumeDescription;
+use crate::{Error, Result};
 
 /// Bricks whose outcome waits for its turn in a pass over all of them.
 const BRICKS_OF_PASS: usize = 1024;
@@ -33,6 +33,9 @@ pub struct PackedVolume {
     memory: u64,
     kept: Mutex<Kept>,
     unpacked: AtomicU64,
+    /// How many bricks the pass over all of them that is being made, or was last, has behind it.
+    passed: AtomicUsize,
+    is_given_up: AtomicBool,
 }
 
 /// What takes memory.
@@ -59,7 +62,16 @@ impl PackedVolume {
         let opened = opened.into();
         let description = VolumeDescription::of(&opened.reader, level)?;
         let grid = opened.reader.grid(level)?;
-        Ok(Self { opened, description, grid, memory, kept: Mutex::default(), unpacked: AtomicU64::new(0) })
+        Ok(Self {
+            opened,
+            description,
+            grid,
+            memory,
+            kept: Mutex::default(),
+            unpacked: AtomicU64::new(0),
+            passed: AtomicUsize::new(0),
+            is_given_up: AtomicBool::new(false),
+        })
     }
 
     /// What its texels mean.
@@ -93,9 +105,24 @@ impl PackedVolume {
         self.unpacked.load(Ordering::Relaxed)
     }
 
+    /// Which share of the bricks the pass over all of them that is being made, or was last, has behind it.
+    #[must_use]
+    pub fn passed(&self) -> f32 {
+        self.passed.load(Ordering::Relaxed) as f32 / self.grid.len().max(1) as f32
+    }
+
+    /// Nothing is read any more: whoever waits for bricks, on whichever thread, is told soon.
+    pub fn give_up(&self) {
+        self.is_given_up.store(true, Ordering::Relaxed);
+    }
+
+    fn check_wanted(&self) -> Result<()> {
+        if self.is_given_up.load(Ordering::Relaxed) { Err(Error::GivenUp) } else { Ok(()) }
+    }
+
     /// The error for what needs all texels in memory.
     #[must_use]
-    pub fn too_large(&self, reason: String) -> crate::Error {
+    pub fn too_large(&self, reason: String) -> Error {
         too_much(&self.opened.reader, self.description.level, self.memory, reason).unwrap_or_else(|error| error)
     }
 
@@ -137,7 +164,8 @@ impl PackedVolume {
     /// Bricks by their numbers, unpacked on every thread where they are not there.
     ///
     /// # Errors
-    /// [`crate::Error::Pack`], naming brick and layer, when one is damaged or there is none of that number.
+    /// [`crate::Error::Pack`], naming brick and layer, when one is damaged or there is none of that number,
+    /// [`crate::Error::GivenUp`] after [`Self::give_up`].
     pub fn bricks(&self, wanted: &[usize]) -> Result<HashMap<usize, Arc<TexelBrick>>> {
         let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let mut wanted = wanted.to_vec();
@@ -148,7 +176,10 @@ impl PackedVolume {
             wanted.iter().filter_map(|&brick| Some((brick, kept.cache.get(brick)?))).collect();
         drop(kept);
         let absent: Vec<usize> = wanted.into_iter().filter(|brick| !there.contains_key(brick)).collect();
-        let read = |&brick: &usize| TexelBrick::read(&self.opened.reader, &self.description, brick).map(Arc::new);
+        let read = |&brick: &usize| {
+            self.check_wanted()?;
+            TexelBrick::read(&self.opened.reader, &self.description, brick).map(Arc::new)
+        };
         let unpacked: Vec<_> = absent.par_iter().with_max_len(1).map(read).collect::<Result<_>>()?;
         self.unpacked.fetch_add(absent.len() as u64, Ordering::Relaxed);
         let mut kept = lock();
@@ -208,9 +239,12 @@ impl PackedVolume {
         mut take: impl FnMut(usize, T),
     ) -> Result<()> {
         let read = |brick: usize| {
-            TexelBrick::read_without_normals(&self.opened.reader, &self.description, brick)
-                .map(|texels| make(brick, &texels))
+            self.check_wanted()?;
+            let texels = TexelBrick::read_without_normals(&self.opened.reader, &self.description, brick)?;
+            self.passed.fetch_add(1, Ordering::Relaxed);
+            Ok(make(brick, &texels))
         };
+        self.passed.store(0, Ordering::Relaxed);
         for first in (0..self.grid.len()).step_by(BRICKS_OF_PASS) {
             let bricks = first..(first + BRICKS_OF_PASS).min(self.grid.len());
             let made: Vec<T> = bricks.clone().into_par_iter().with_max_len(1).map(read).collect::<Result<_>>()?;
@@ -222,8 +256,10 @@ impl PackedVolume {
     /// The values of some slices across z, as texels have them, x fastest.
     ///
     /// # Errors
-    /// [`crate::Error::Pack`], naming the brick, when one is damaged, there are no such slices, or memory does not suffice.
+    /// [`crate::Error::Pack`], naming the brick, when one is damaged, there are no such slices, or memory does not suffice,
+    /// [`crate::Error::GivenUp`] after [`Self::give_up`].
     pub fn values(&self, slices: Range<usize>) -> Result<Vec<u16>> {
+        self.check_wanted()?;
         let reader = &self.opened.reader;
         let (_, layer) = reader.header().layer(LayerKind::Value)?;
         let shares = ValueShares::new(&layer.quantization, self.description.value_range)?;

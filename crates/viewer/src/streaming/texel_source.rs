@@ -39,7 +39,7 @@ impl TexelSource {
         }
     }
 
-    /// All texels, for what needs them; `what` says what that is, such as `slices need`.
+    /// All texels, for what needs them; `what` says what that is, such as `the CPU ray marcher needs`.
     ///
     /// # Errors
     /// [`crate::Error::TooMuchMemory`] where they are not in memory.

@@ -1,6 +1,6 @@
 //! Draws the window's picture with the CPU ray marcher, on a thread of its own.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -12,10 +12,10 @@ use super::drawer::{Drawer, Pace, picture_size};
 use super::preview_scene::PreviewScene;
 use super::refinement::{Detail, PASS_BUDGET};
 use crate::drawing::Drawing;
-use crate::reference::{RayMarcher, Watch};
+use crate::reference::RayMarcher;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
-use crate::{Error, Picture, Result};
+use crate::{Error, Picture, Result, Watch};
 
 /// How often the window says how far a finer picture is: painting it takes time from that.
 const REPORT: Duration = Duration::from_secs(2);
@@ -29,6 +29,8 @@ pub struct CpuDrawer {
     pool: Arc<ThreadPool>,
     requests: Sender<Request>,
     running: Option<Running>,
+    /// The picture for a file, on a thread of its own.
+    saved: Option<Receiver<Result<Picture>>>,
     texture: Option<TextureHandle>,
 }
 
@@ -70,7 +72,7 @@ impl CpuDrawer {
         })?;
         let (pool, scene) = (Arc::new(pool), Arc::new(Mutex::new(PreviewScene::new(volume))));
         let requests = begin_thread(volume, &scene, &pool);
-        Ok(Self { volume: Arc::clone(volume), scene, pool, requests, running: None, texture: None })
+        Ok(Self { volume: Arc::clone(volume), scene, pool, requests, running: None, saved: None, texture: None })
     }
 
     fn ended(&self) -> Error {
@@ -151,8 +153,30 @@ impl Drawer for CpuDrawer {
         self.texture.as_ref().map(TextureHandle::id)
     }
 
-    fn picture(&mut self, view: &ViewState) -> Result<Picture> {
-        Ok(Drawing::on_cpu(&self.volume, view)?.draw(&view.camera)?.picture)
+    fn begin_saved(&mut self, context: &egui::Context, view: &ViewState) -> Result<()> {
+        let (answer, receiver) = channel();
+        let (volume, pool) = (Arc::clone(&self.volume), Arc::clone(&self.pool));
+        let (view, context) = (view.clone(), context.clone());
+        thread::spawn(move || {
+            let draw = || Ok(Drawing::on_cpu(&volume, &view)?.draw(&view.camera)?.picture);
+            // Nobody waits for what is no longer wanted.
+            let _ = answer.send(pool.install(draw));
+            context.request_repaint();
+        });
+        self.saved = Some(receiver);
+        Ok(())
+    }
+
+    fn go_on_saved(&mut self, _: &egui::Context) -> Result<Option<Picture>> {
+        let Some(saved) = &self.saved else { return Ok(None) };
+        let answer = match saved.try_recv() {
+            Ok(answer) => answer,
+            // The thread wakes the window when it is done.
+            Err(TryRecvError::Empty) => return Ok(None),
+            Err(TryRecvError::Disconnected) => Err(self.ended()),
+        };
+        self.saved = None;
+        answer.map(Some)
     }
 
     fn into_volume(self: Box<Self>) -> Option<Arc<VolumeTexels>> {

@@ -55,12 +55,18 @@ pub trait Drawer {
     /// The last complete picture.
     fn texture(&self) -> Option<TextureId>;
 
-    /// A picture of the settings' size and step, whatever the window shows.
+    /// Begins a picture of the settings' size and step for a file, beside what the window shows and in place of the one
+    /// before.
     ///
     /// # Errors
-    /// [`crate::Error::PictureSize`] or [`crate::Error::Device`] when it does not fit the device; as
-    /// [`crate::scene::Surfaces::new`].
-    fn picture(&mut self, view: &ViewState) -> Result<Picture>;
+    /// [`crate::Error::PictureSize`] or [`crate::Error::Device`] when it does not fit the device.
+    fn begin_saved(&mut self, context: &egui::Context, view: &ViewState) -> Result<()>;
+
+    /// Goes on with that picture; returns it once it is complete. Sees to it that the window comes back while it is not.
+    ///
+    /// # Errors
+    /// As [`Self::go_on`].
+    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<Picture>>;
 
     /// The volume, where it is still in memory; ends the drawer.
     fn into_volume(self: Box<Self>) -> Option<Arc<VolumeTexels>>;

@@ -5,31 +5,29 @@ use std::time::Instant;
 
 use eframe::egui_wgpu::RenderState;
 use egui::TextureId;
-use glam::Vec3;
-use wgpu::{FilterMode, PollType};
+use wgpu::PollType;
 
 use super::drawer::{Drawer, Pace, picture_size};
 use super::preview_scene::PreviewScene;
 use super::refinement::{Detail, PASS_BUDGET, StripLength, work};
-use crate::drawing::scale_bar;
+use super::shown_target::ShownTarget;
+use crate::drawing::finished_picture;
 use crate::render::{DeviceMemory, Gpu, Renderer, Target};
-use crate::scene::scale_bar::draw_over_picture;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
 use crate::{Picture, Result};
 
 /// Renderer, texture, and the picture that is being drawn.
 pub struct GpuDrawer {
-    render_state: RenderState,
     renderer: Renderer,
     /// What a volume may take of the device's.
     memory: DeviceMemory,
     scene: PreviewScene,
-    /// Kept for as long as egui shows it.
-    target: Option<Target>,
-    texture: Option<TextureId>,
+    shown: ShownTarget,
     strip: StripLength,
     partial: Option<PartialPicture>,
+    /// The picture for a file.
+    saved: Option<PartialPicture>,
 }
 
 /// A picture whose upper rows are drawn.
@@ -53,14 +51,13 @@ impl GpuDrawer {
         memory: DeviceMemory,
     ) -> Result<Self> {
         Ok(Self {
-            render_state: render_state.clone(),
             renderer: Renderer::new(gpu, volume, memory)?,
             memory,
             scene: PreviewScene::new(volume),
-            target: None,
-            texture: None,
+            shown: ShownTarget::new(render_state),
             strip: StripLength::default(),
             partial: None,
+            saved: None,
         })
     }
 
@@ -94,17 +91,6 @@ impl GpuDrawer {
         }
         Ok(())
     }
-
-    /// Hands a finished picture to egui.
-    fn show(&mut self, target: Target) {
-        let (device, view, filter) = (&self.render_state.device, target.view(), FilterMode::Linear);
-        let mut egui_renderer = self.render_state.renderer.write();
-        match self.texture {
-            Some(texture) => egui_renderer.update_egui_texture_from_wgpu_texture(device, view, filter, texture),
-            None => self.texture = Some(egui_renderer.register_native_texture(device, view, filter)),
-        }
-        self.target = Some(target);
-    }
 }
 
 impl Drawer for GpuDrawer {
@@ -119,6 +105,8 @@ impl Drawer for GpuDrawer {
     fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
         self.renderer = Renderer::new(self.renderer.gpu(), volume, self.memory)?;
         self.scene.replace_volume(volume);
+        // All of it is of one level.
+        self.saved.iter_mut().for_each(|saved| saved.rows = 0);
         Ok(())
     }
 
@@ -142,7 +130,7 @@ impl Drawer for GpuDrawer {
             context.request_repaint();
             return Ok(None);
         }
-        self.show(partial.target);
+        self.shown.show(partial.target);
         Ok(Some(partial.seconds))
     }
 
@@ -155,19 +143,26 @@ impl Drawer for GpuDrawer {
     }
 
     fn texture(&self) -> Option<TextureId> {
-        self.texture
+        self.shown.texture()
     }
 
-    fn picture(&mut self, view: &ViewState) -> Result<Picture> {
-        let gpu = self.renderer.gpu().clone();
-        let target = Target::new(&gpu, view.render_settings.image_size)?;
-        self.renderer.prepare_scene(&view.scene, &self.scene.surfaces(&view.scene)?, target.size())?;
-        self.renderer.draw(view, &target)?;
-        let mut picture = target.read_back(&gpu)?;
-        if let Some(bar) = scale_bar(view, self.renderer.volume()) {
-            draw_over_picture(&bar, &mut picture, Vec3::from_array(view.render_settings.background))?;
+    fn begin_saved(&mut self, context: &egui::Context, view: &ViewState) -> Result<()> {
+        let target = Target::new(self.renderer.gpu(), view.render_settings.image_size)?;
+        self.saved = Some(PartialPicture { state: view.clone(), target, rows: 0, seconds: 0.0 });
+        context.request_repaint();
+        Ok(())
+    }
+
+    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<Picture>> {
+        let Some(mut saved) = self.saved.take() else { return Ok(None) };
+        self.draw_part(&mut saved)?;
+        let [_, height] = saved.target.size();
+        if saved.rows < height {
+            self.saved = Some(saved);
+            context.request_repaint();
+            return Ok(None);
         }
-        Ok(picture)
+        finished_picture(&self.renderer, &saved.state, &saved.target).map(Some)
     }
 
     fn into_volume(self: Box<Self>) -> Option<Arc<VolumeTexels>> {

@@ -78,13 +78,11 @@ impl HistogramPanel {
         [self.x, self.y]
     }
 
-    /// A region in the plot's middle, in a colour that no other has as long as there are such.
+    /// A region in the plot's middle, in the colour that is the furthest from those of all others.
     #[must_use]
     pub fn new_region(&self, regions: &[Region]) -> Region {
         let middle = |[low, high]: [f64; 2]| [0.4, 0.6].map(|share| (high - low).mul_add(share, low) as f32);
-        let used = |color: &&[u8; 3]| regions.iter().any(|region| theme::bytes(region.color) == **color);
-        let colors = &theme::REGION_COLORS;
-        let color = colors.iter().find(|color| !used(color)).unwrap_or(&colors[regions.len() % colors.len()]);
+        let color = theme::new_region_color(regions.iter().map(|region| theme::bytes(region.color)));
         Region {
             shape: Shape::Box,
             value: middle(self.x),

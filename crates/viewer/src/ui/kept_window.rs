@@ -12,7 +12,7 @@ use super::preview::Preview;
 use super::save_picture::SavePicture;
 use crate::Result;
 use crate::device_args::DeviceArgs;
-use crate::state::{TransferFunction, ViewState};
+use crate::state::{SavedVolume, TransferFunction, ViewState};
 use crate::volume::VolumeTexels;
 
 /// Everything that a window holds but the picture and what draws it.
@@ -23,6 +23,8 @@ pub struct KeptWindow {
     histogram: HistogramPanel,
     save: SavePicture,
     finer: FinerLevels,
+    /// What there is to say of the session that was opened.
+    notice: Option<String>,
     /// What was drawn, where it is still in memory: a device that has all of it is the only one that does.
     pub texels: Option<Arc<VolumeTexels>>,
 }
@@ -34,30 +36,41 @@ impl KeptWindow {
         let regions = volume.proposed_regions.clone();
         let transfer_function = TransferFunction { regions, ..TransferFunction::default() };
         Self {
-            view: ViewState { transfer_function, ..ViewState::default() },
+            view: ViewState {
+                transfer_function,
+                volume: Some(SavedVolume::of(&volume.header)),
+                ..ViewState::default()
+            },
             histogram: HistogramPanel::new(&volume),
             save: SavePicture::new(&volume.path),
             finer: FinerLevels::default(),
+            notice: None,
             volume,
             texels: None,
         }
     }
 
-    /// Shows what a session says; the proposed regions stay where it has none.
-    pub fn open_session(&mut self, session: ViewState) {
+    /// Shows what a session says; the proposed regions stay where it has none. Returns what is to be said where it was saved of
+    /// another volume; the window says so too.
+    pub fn open_session(&mut self, mut session: ViewState) -> Option<&str> {
+        let volume = SavedVolume::of(&self.volume.header);
+        self.notice = volume.mismatch(session.volume.as_ref());
+        session.volume = Some(volume);
         let proposed = std::mem::replace(&mut self.view, session).transfer_function.regions;
         let regions = &mut self.view.transfer_function.regions;
         if regions.is_empty() {
             *regions = proposed;
         }
+        self.notice.as_deref()
     }
 
     /// Of a window that is closed because its device is lost.
     #[must_use]
     pub fn of(window: ViewerWindow) -> Self {
-        let ViewerWindow { view, volume, preview, histogram, save, finer, .. } = window;
+        let ViewerWindow { view, volume, preview, histogram, mut save, finer, notice, .. } = window;
         let histogram = histogram.without_textures();
-        Self { view, volume, histogram, save, finer, texels: preview.into_volume() }
+        save.device_is_lost();
+        Self { view, volume, histogram, save, finer, notice, texels: preview.into_volume() }
     }
 
     /// The window on a device, with a level of the volume to begin with.
@@ -70,8 +83,8 @@ impl KeptWindow {
         texels: &Arc<VolumeTexels>,
         device: DeviceArgs,
     ) -> Result<ViewerWindow> {
-        let Self { view, volume, histogram, save, finer, .. } = self;
+        let Self { view, volume, histogram, save, finer, notice, .. } = self;
         let preview = Preview::new(render_state, texels, device)?;
-        Ok(ViewerWindow { view, volume, preview, histogram, save, finer, viewport: [1, 1] })
+        Ok(ViewerWindow { view, volume, preview, histogram, save, finer, notice, viewport: [1, 1] })
     }
 }

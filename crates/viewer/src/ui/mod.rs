@@ -2,6 +2,7 @@
 
 pub mod axis;
 pub mod boundary;
+pub mod brick_drawer;
 pub mod brush;
 pub mod camera;
 pub mod clipping;
@@ -25,6 +26,7 @@ pub mod region_grip;
 pub mod render_settings;
 pub mod save_picture;
 pub mod scene;
+pub mod shown_target;
 pub mod theme;
 pub mod transfer_function;
 pub mod viewport;
@@ -56,11 +58,14 @@ pub struct ViewerWindow {
     pub save: SavePicture,
     /// What is to be shown next.
     pub finer: FinerLevels,
+    /// What there is to say of the session that was opened.
+    pub notice: Option<String>,
     viewport: [u32; 2],
 }
 
 impl ViewerWindow {
-    /// Shows the next finer level once it is read. One that the device has no room for leaves the coarser one where it is.
+    /// Shows the next finer level once it is read, or made ready to be drawn by bricks from its file. One that the device has no
+    /// room for leaves the coarser one where it is.
     fn show_finer_level(&mut self, context: &egui::Context) {
         match self.finer.take() {
             Some(Ok(texels)) => {
@@ -71,6 +76,13 @@ impl ViewerWindow {
             Some(Err(error)) => self.finer.stop(&error),
             None => {}
         }
+        let begun = match self.finer.take_in_file() {
+            Some((reader, memory)) => self.preview.draw_bricks(reader, memory, context),
+            None => Ok(()),
+        };
+        if let Err(error) = begun.and_then(|()| self.preview.look_after_bricks(context)) {
+            self.finer.stop(&error);
+        }
         if self.finer.is_reading() {
             context.request_repaint_after_secs(0.05);
         }
@@ -80,6 +92,7 @@ impl ViewerWindow {
 /// The whole window: settings to the left, the transfer function to the right, the picture between them.
 pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     window.show_finer_level(ui.ctx());
+    window.save.go_on(ui.ctx(), &mut window.preview);
     Panel::bottom("status").resizable(false).show(ui, |ui| status_ui(ui, window));
     Panel::left("settings").resizable(true).default_size(280.0).size_range(240.0..=420.0).show(ui, |ui| {
         let ViewerWindow { view, preview, save, viewport, .. } = window;
@@ -100,8 +113,14 @@ pub fn window_ui(ui: &mut Ui, window: &mut ViewerWindow) {
 }
 
 fn settings_ui(ui: &mut Ui, window: &mut ViewerWindow) {
-    let ViewerWindow { view, volume, preview, .. } = window;
-    section(ui, "Volume", |ui| readout::readout_ui(ui, volume, &preview.drawn_by()));
+    let ViewerWindow { view, volume, preview, notice, .. } = window;
+    section(ui, "Volume", |ui| {
+        readout::readout_ui(ui, volume, &preview.drawn_by());
+        if let Some(notice) = notice {
+            let notice = sentence(notice);
+            ui.label(RichText::new(notice).small().color(theme::ERROR));
+        }
+    });
     section(ui, "Camera", |ui| camera::camera_ui(ui, &mut view.camera));
     let dims = volume.description.dims;
     section(ui, "Clipping", |ui| clipping::clipping_ui(ui, &mut view.clipping, &view.camera, dims));
@@ -128,6 +147,12 @@ fn transfer_ui(ui: &mut Ui, window: &mut ViewerWindow) {
     section(ui, "Opacity by value alone", |ui| {
         curve::curve_ui(ui, &mut view.transfer_function, volume.description.value_range);
     });
+}
+
+/// A message with a capital letter.
+fn sentence(message: &str) -> String {
+    let mut letters = message.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// The αd that is shown: that of the selected region, if it has its own, or else that of all others.
@@ -158,7 +183,12 @@ fn status_ui(ui: &mut Ui, window: &ViewerWindow) {
         let level = match (window.preview.level(), window.finer.too_large()) {
             (0, _) => String::new(),
             (level, Some(why)) => format!("level {level} of the volume: {why}; "),
-            (level, None) => format!("level {level} of the volume, "),
+            (level, None) => match window.preview.preparing_bricks() {
+                Some(share) => {
+                    format!("level {level} of the volume, making level 0 ready in its file: {:.0} %; ", share * 100.0)
+                }
+                None => format!("level {level} of the volume, "),
+            },
         };
         let mut text = format!("{level}{width} × {height} pixels, {what} in {:.0} ms", seconds * 1e3);
         if let Some(share) = window.preview.refining() {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::Result;
 use crate::scene::Surfaces;
 use crate::state::{Isosurface, MeshFile, Scene};
+use crate::streaming::PackedVolume;
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// Most voxels among which isosurfaces are looked for: of a larger volume a coarser level is kept.
@@ -12,11 +13,16 @@ const MOST_VOXELS: usize = 1 << 25;
 
 /// Values to find isosurfaces among, and what was found last.
 pub struct PreviewScene {
-    volume: VolumeDescription,
-    values: Vec<u16>,
+    values: Values,
     /// Whether other surfaces are needed than those below: those of these files and values.
     made_of: Option<(Vec<MeshFile>, Vec<Isosurface>)>,
     surfaces: Arc<Surfaces>,
+}
+
+/// Where values are looked up.
+enum Values {
+    Memory(Box<VolumeDescription>, Vec<u16>),
+    File(Arc<PackedVolume>),
 }
 
 impl PreviewScene {
@@ -24,7 +30,17 @@ impl PreviewScene {
     #[must_use]
     pub fn new(volume: &VolumeTexels) -> Self {
         let values = volume.texels.iter().map(|texel| texel[0]).collect();
-        Self { volume: volume.description.clone(), values, made_of: None, surfaces: Arc::default() }
+        Self::of(Values::Memory(Box::new(volume.description.clone()), values))
+    }
+
+    /// Reads values out of a file when they are asked for.
+    #[must_use]
+    pub fn of_file(packed: Arc<PackedVolume>) -> Self {
+        Self::of(Values::File(packed))
+    }
+
+    fn of(values: Values) -> Self {
+        Self { values, made_of: None, surfaces: Arc::default() }
     }
 
     /// Takes another level of the volume, unless that is too large.
@@ -37,11 +53,14 @@ impl PreviewScene {
     /// The surfaces of a scene.
     ///
     /// # Errors
-    /// As [`Surfaces::new`].
+    /// As [`Surfaces::new`] and [`Surfaces::of_file`].
     pub fn surfaces(&mut self, scene: &Scene) -> Result<Arc<Surfaces>> {
         let wanted = (&scene.meshes, &scene.isosurfaces);
         if self.made_of.as_ref().is_none_or(|(meshes, isosurfaces)| (meshes, isosurfaces) != wanted) {
-            self.surfaces = Arc::new(Surfaces::new(scene, &self.volume, |voxel| self.values[voxel])?);
+            self.surfaces = Arc::new(match &self.values {
+                Values::Memory(volume, values) => Surfaces::new(scene, volume, |voxel| values[voxel])?,
+                Values::File(packed) => Surfaces::of_file(scene, packed)?,
+            });
             self.made_of = Some((scene.meshes.clone(), scene.isosurfaces.clone()));
         }
         Ok(self.surfaces.clone())

@@ -28,11 +28,13 @@ pub struct Detail {
     pub divisor: u32,
     /// By how much longer the steps along a ray are than the settings'.
     pub step_factor: f32,
+    /// Whether it is of a coarser level of the volume, which stands in for one that comes brick by brick.
+    pub is_coarser: bool,
 }
 
 impl Detail {
     /// As the settings say.
-    pub const FULL: Self = Self { divisor: 1, step_factor: 1.0 };
+    pub const FULL: Self = Self { divisor: 1, step_factor: 1.0, is_coarser: false };
 }
 
 /// What is to be done in this pass of the window.
@@ -57,14 +59,31 @@ pub struct Refinement {
     changed_at: f64,
     seconds_per_work: Option<f64>,
     first_draft: Detail,
+    /// Whether all but the last picture are of a coarser level.
+    has_coarser: bool,
 }
 
 impl Refinement {
     /// Nothing is drawn yet. Until the first picture is timed, a CPU is taken to be slow.
     #[must_use]
     pub fn new(is_cpu: bool) -> Self {
-        let first_draft = Detail { divisor: if is_cpu { 4 } else { 2 }, step_factor: MOST_STEP_FACTOR };
-        Self { drawn: None, changed_at: f64::NEG_INFINITY, seconds_per_work: None, first_draft }
+        let divisor = if is_cpu { 4 } else { 2 };
+        let first_draft = Detail { divisor, step_factor: MOST_STEP_FACTOR, is_coarser: false };
+        Self { drawn: None, changed_at: f64::NEG_INFINITY, seconds_per_work: None, first_draft, has_coarser: false }
+    }
+
+    /// Whether what draws stands in, from now on, for what takes its time, as a coarser level does for one that comes brick by
+    /// brick: of that one picture is drawn then, the last.
+    pub fn set_coarser(&mut self, has_coarser: bool) {
+        self.has_coarser = has_coarser;
+        for detail in self.drawn.iter_mut().chain([&mut self.first_draft]) {
+            detail.is_coarser = has_coarser;
+        }
+    }
+
+    /// Takes note of a picture that cannot be drawn: none is, until there is a change.
+    pub fn failed(&mut self) {
+        self.drawn = Some(Detail::FULL);
     }
 
     /// What to do at time `now` in seconds. `changed`: the picture shown is no longer the one wanted; `hand_down`: a
@@ -84,6 +103,10 @@ impl Refinement {
     /// Takes note of a finished picture: how fine it was, how long it took, and its own work.
     pub fn finished(&mut self, detail: Detail, seconds: f64, work: f64) {
         self.drawn = Some(detail);
+        if detail.is_coarser != self.has_coarser {
+            // Another drawer's, which no draft is like.
+            return;
+        }
         self.seconds_per_work = Some(seconds / work.max(1.0));
         // A slow draft must not use up the rest after it: it would never be seen.
         self.changed_at += seconds;
@@ -96,17 +119,26 @@ impl Refinement {
         };
         let excess = seconds_per_work * work / DRAFT_BUDGET;
         if excess <= 1.0 {
-            return Detail::FULL;
+            return self.best();
         }
         let step_factor = (excess as f32).min(MOST_STEP_FACTOR);
         let divisor = (excess / f64::from(step_factor)).sqrt().ceil() as u32;
-        Detail { divisor: divisor.clamp(1, MOST_DIVISOR), step_factor }
+        Detail { divisor: divisor.clamp(1, MOST_DIVISOR), step_factor, is_coarser: self.has_coarser }
     }
 
     /// What follows `drawn`: the full picture if that is soon done, else one with four times the pixels.
     fn finer(&self, drawn: Detail, work: f64) -> Detail {
+        let best = self.best();
+        if drawn == best {
+            return Detail::FULL;
+        }
         let soon_done = self.seconds_per_work.is_some_and(|seconds| seconds * work <= DIRECT_BUDGET);
-        if soon_done { Detail::FULL } else { Detail { divisor: (drawn.divisor / 2).max(1), step_factor: 1.0 } }
+        if soon_done { best } else { Detail { divisor: (drawn.divisor / 2).max(1), ..best } }
+    }
+
+    /// As the settings say, but for the level.
+    fn best(&self) -> Detail {
+        Detail { is_coarser: self.has_coarser, ..Detail::FULL }
     }
 }
 
@@ -170,7 +202,7 @@ mod tests {
     fn a_slow_device_drafts_and_refines_once_the_hand_rests() {
         let mut refinement = timed(1.0);
         let detail = draft(refinement.next(true, true, 10.0, WORK));
-        assert_eq!(detail, Detail { divisor: 4, step_factor: 2.0 });
+        assert_eq!(detail, Detail { divisor: 4, step_factor: 2.0, is_coarser: false });
         refinement.finished(detail, 0.03, WORK / 32.0);
         // The hand is still down, then lifted, then rests long enough.
         assert_eq!(refinement.next(false, true, 10.5, WORK), Action::Rest);
@@ -188,7 +220,7 @@ mod tests {
         for divisor in [4, 2, 1] {
             refinement.finished(detail, 0.1, WORK / 200.0);
             let Action::Refine(next) = refinement.next(false, false, 100.0, WORK) else { panic!("{detail:?}") };
-            assert_eq!(next, Detail { divisor, step_factor: 1.0 });
+            assert_eq!(next, Detail { divisor, ..Detail::FULL });
             detail = next;
         }
     }
@@ -218,6 +250,30 @@ mod tests {
     #[test]
     fn a_fast_device_always_draws_in_full() {
         assert_eq!(draft(timed(0.01).next(true, true, 0.0, WORK)), Detail::FULL);
+    }
+
+    #[test]
+    fn a_coarser_level_is_refined_in_full_before_the_finest_is_drawn() {
+        let mut refinement = timed(1.0);
+        refinement.set_coarser(true);
+        // What was the full picture until now is that no longer.
+        assert_eq!(refinement.next(false, false, 10.0, WORK), Action::Refine(Detail::FULL));
+        refinement.finished(Detail::FULL, 60.0, WORK);
+        assert_eq!(refinement.next(false, false, 70.0, WORK), Action::Rest);
+        let detail = draft(refinement.next(true, true, 80.0, WORK));
+        assert_eq!(
+            detail,
+            Detail { divisor: 4, step_factor: 2.0, is_coarser: true },
+            "by the coarser level's own time"
+        );
+        refinement.finished(detail, 0.03, WORK / 32.0);
+        let whole = Detail { is_coarser: true, ..Detail::FULL };
+        assert_eq!(refinement.next(false, false, 90.0, WORK), Action::Refine(whole));
+        refinement.finished(whole, 1.0, WORK);
+        assert_eq!(refinement.next(false, false, 100.0, WORK), Action::Refine(Detail::FULL));
+        refinement.failed();
+        assert_eq!(refinement.next(false, false, 100.0, WORK), Action::Rest);
+        assert!(matches!(refinement.next(true, false, 110.0, WORK), Action::Draft(_)));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Saves the picture as a PNG file, and all settings as a session beside it.
 
 use std::path::{Path, PathBuf};
+use std::thread::{self, JoinHandle};
 
 use egui::{Button, DragValue, Label, RichText, TextEdit, Ui};
 use voxrole_pack::atomic_file;
@@ -11,13 +12,22 @@ use crate::reference::MAX_IMAGE_SIDE;
 use crate::state::ViewState;
 
 /// Where to, and how the last time went.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct SavePicture {
     /// The file's name as typed.
     pub path: String,
     /// A file that was there before and may be replaced by the next press.
     replaceable: Option<PathBuf>,
     outcome: Option<Outcome>,
+    pending: Option<Pending>,
+}
+
+/// A picture on its way to its file.
+#[derive(Debug)]
+enum Pending {
+    Drawing(PathBuf),
+    /// On a thread, which returns how that went.
+    Writing(JoinHandle<Outcome>),
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -31,41 +41,109 @@ impl SavePicture {
     /// Beside the input, under its name.
     #[must_use]
     pub fn new(input: &Path) -> Self {
-        Self { path: input.with_extension("png").display().to_string(), replaceable: None, outcome: None }
+        Self {
+            path: input.with_extension("png").display().to_string(),
+            replaceable: None,
+            outcome: None,
+            pending: None,
+        }
     }
 
-    /// Draws the picture at the settings' size and writes it. A file that was there before is replaced only when this is
-    /// called for it a second time.
-    pub fn save(&mut self, preview: &mut Preview, view: &ViewState) {
+    /// Begins to draw the picture at the settings' size, which is written once it is complete, while the window goes on. A file
+    /// that was there before is replaced only when this is called for it a second time.
+    pub fn save(&mut self, context: &egui::Context, preview: &mut Preview, view: &ViewState) {
         let path = PathBuf::from(self.path.trim());
-        self.write(path, || {
-            let picture = preview.picture(view).and_then(|picture| picture.to_png());
-            picture.map_err(|error| error.to_string())
-        });
+        if !self.may_write(&path) {
+            return;
+        }
+        match preview.begin_saved(context, view) {
+            Ok(()) => {
+                self.outcome = None;
+                self.pending = Some(Pending::Drawing(path));
+            }
+            Err(error) => self.outcome = Some(Outcome::Failed(error.to_string())),
+        }
+    }
+
+    /// Goes on with the picture that is being saved.
+    pub fn go_on(&mut self, context: &egui::Context, preview: &mut Preview) {
+        match self.pending.take() {
+            Some(Pending::Drawing(path)) => match preview.go_on_saved(context) {
+                Ok(None) => self.pending = Some(Pending::Drawing(path)),
+                Ok(Some(picture)) => {
+                    let context = context.clone();
+                    self.pending = Some(Pending::Writing(thread::spawn(move || {
+                        let outcome = write(&path, picture.to_png().map_err(|error| error.to_string()));
+                        context.request_repaint();
+                        outcome
+                    })));
+                }
+                Err(error) => self.outcome = Some(Outcome::Failed(error.to_string())),
+            },
+            Some(Pending::Writing(thread)) if thread.is_finished() => self.outcome = Some(join(thread)),
+            pending => self.pending = pending,
+        }
+        if let Some(Pending::Writing(_)) = self.pending {
+            // A thread that has woken the window need not have ended.
+            context.request_repaint_after_secs(0.05);
+        }
+    }
+
+    /// Whether a picture is being drawn or written.
+    #[must_use]
+    pub fn is_saving(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Takes note that what drew is gone.
+    pub fn device_is_lost(&mut self) {
+        if let Some(Pending::Drawing(path)) = self.pending.take_if(|pending| matches!(pending, Pending::Drawing(_))) {
+            let message = format!("{} is not saved: the device was lost; press again", path.display());
+            self.outcome = Some(Outcome::Failed(message));
+        }
     }
 
     /// Writes all settings into a file of the picture's name that ends in `.toml`; one that was there before as in
     /// [`Self::save`].
     pub fn save_session(&mut self, view: &ViewState) {
         let path = Path::new(self.path.trim()).with_extension("toml");
-        self.write(path, || view.to_toml().map(String::into_bytes).map_err(|error| error.to_string()));
+        if self.may_write(&path) {
+            self.outcome =
+                Some(write(&path, view.to_toml().map(String::into_bytes).map_err(|error| error.to_string())));
+        }
     }
 
-    fn write(&mut self, path: PathBuf, content: impl FnOnce() -> Result<Vec<u8>, String>) {
-        if path.exists() && self.replaceable.as_ref() != Some(&path) {
+    /// Whether nothing is at a place but what was written there before, or may be replaced; what is written there next may.
+    fn may_write(&mut self, path: &Path) -> bool {
+        let may_write = !path.exists() || self.replaceable.as_deref() == Some(path);
+        if !may_write {
             self.outcome = Some(Outcome::Exists(format!("{} exists: press again to replace it", path.display())));
-            self.replaceable = Some(path);
-            return;
         }
-        let written = content().and_then(|bytes| {
-            atomic_file::write(&path, &bytes).map_err(|error| format!("writing {}: {error}", path.display()))
-        });
-        self.outcome = Some(match written {
-            Ok(()) => Outcome::Saved(format!("Saved {}", path.display())),
-            Err(error) => Outcome::Failed(error),
-        });
-        // What was written here is the user's own last picture.
-        self.replaceable = Some(path);
+        self.replaceable = Some(path.to_owned());
+        may_write
+    }
+}
+
+impl Drop for SavePicture {
+    /// What is complete is written, also where the window is closed meanwhile.
+    fn drop(&mut self) {
+        if let Some(Pending::Writing(thread)) = self.pending.take() {
+            join(thread);
+        }
+    }
+}
+
+fn join(thread: JoinHandle<Outcome>) -> Outcome {
+    thread.join().unwrap_or_else(|_| Outcome::Failed("a fault of this program; please report it".to_owned()))
+}
+
+fn write(path: &Path, content: Result<Vec<u8>, String>) -> Outcome {
+    let written = content.and_then(|bytes| {
+        atomic_file::write(path, &bytes).map_err(|error| format!("writing {}: {error}", path.display()))
+    });
+    match written {
+        Ok(()) => Outcome::Saved(format!("Saved {}", path.display())),
+        Err(error) => Outcome::Failed(error),
     }
 }
 
@@ -93,17 +171,19 @@ pub fn save_picture_ui(
             *size = viewport.map(|side| side.clamp(1, MAX_IMAGE_SIDE));
         }
     });
-    let usable = !save.path.trim().is_empty();
+    let is_named = !save.path.trim().is_empty();
+    let usable = is_named && !save.is_saving();
     let label = if matches!(save.outcome, Some(Outcome::Exists(_))) { "Replace PNG" } else { "Save PNG" };
     let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new(label))).inner;
     if button.on_hover_text("Draws at this size with the full step, as `voxrole-view render` does").clicked() {
-        save.save(preview, view);
+        save.save(ui.ctx(), preview, view);
     }
     let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new("Save session"))).inner;
     if button.on_hover_text("All settings, in a file of this name that ends in .toml: opened by --session").clicked() {
         save.save_session(view);
     }
     let message = match &save.outcome {
+        _ if save.is_saving() => RichText::new("Drawing the picture"),
         // The line stays, so that the buttons above do not move from under the pointer.
         None => RichText::new(" "),
         Some(Outcome::Saved(message) | Outcome::Exists(message)) => RichText::new(message),

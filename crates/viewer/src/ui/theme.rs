@@ -21,6 +21,24 @@ pub const ERROR: Color32 = Color32::from_rgb(0xff, 0x7b, 0x72);
 pub const REGION_COLORS: [[u8; 3]; 6] =
     [[230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [213, 94, 0], [204, 121, 167]];
 
+/// Of [`REGION_COLORS`] the one that is the furthest from colours that are in use; the first of several.
+#[must_use]
+pub fn new_region_color(used: impl Iterator<Item = [u8; 3]>) -> [u8; 3] {
+    let used: Vec<_> = used.collect();
+    let distance = |color: &[u8; 3]| used.iter().map(|other| color_distance(*color, *other)).min().unwrap_or(u32::MAX);
+    // The last of the largest is taken: of equals the first in the list.
+    REGION_COLORS.into_iter().rev().max_by_key(distance).unwrap_or(REGION_COLORS[0])
+}
+
+/// How different two colours look, squared: a distance in red, green and blue, weighted by how red they are.
+///
+/// Source: T. Riemersma, "Colour metric", compuphase.com/cmetric.htm: nearer to perception than equal weights, and as simple.
+fn color_distance(a: [u8; 3], b: [u8; 3]) -> u32 {
+    let mean_red = (u32::from(a[0]) + u32::from(b[0])) / 2;
+    let [red, green, blue] = [0, 1, 2].map(|channel: usize| u32::from(a[channel].abs_diff(b[channel])).pow(2));
+    (((512 + mean_red) * red) >> 8) + 4 * green + (((767 - mean_red) * blue) >> 8)
+}
+
 /// Gives a context the window's look.
 pub fn apply(context: &egui::Context) {
     context.set_theme(Theme::Dark);
@@ -80,4 +98,25 @@ fn visuals() -> Visuals {
     }
     visuals.widgets.noninteractive.bg_stroke = Stroke::new(1.0, Color32::from_gray(52));
     visuals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn new_regions_look_unlike_those_that_are_there() {
+        let [orange, sky, green, yellow, vermilion, purple] = REGION_COLORS;
+        assert_eq!(new_region_color([].into_iter()), orange);
+        // What is proposed is orange and sky blue: vermilion is too near to orange.
+        let mut used = vec![orange, sky];
+        let next = new_region_color(used.iter().copied());
+        assert!([green, yellow, purple].contains(&next), "{next:?}");
+        for _ in 0..4 {
+            let next = new_region_color(used.iter().copied());
+            assert!(!used.contains(&next), "{next:?}");
+            used.push(next);
+        }
+        assert_eq!(used.last(), Some(&vermilion), "the nearest to others comes last: {used:?}");
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use voxrole_tests::comparison::{assert_same, draw_on_cpu, draw_with_budget, gpu_or_skip, lit_share};
 use voxrole_viewer::drawing::Drawing;
-use voxrole_viewer::state::{Camera, CameraPreset, Scene, Technique};
+use voxrole_viewer::state::{Camera, CameraPreset, Classification, Integration, Projection, Scene, Technique};
 use voxrole_viewer::{Error, Renderer, Target};
 
 use crate::phantom::{Phantom, Shell, orthographic};
@@ -93,15 +93,59 @@ fn rays_that_wait_end_at_what_is_opaque() {
 }
 
 #[test]
-fn slices_need_the_whole_volume() {
-    let Some(gpu) = gpu_or_skip("slices_need_the_whole_volume") else { return };
+fn slices_are_the_same_however_few_bricks_there_is_room_for() {
+    let Some(gpu) = gpu_or_skip("slices_are_the_same_however_few_bricks_there_is_room_for") else { return };
+    let phantom = shells();
+    let volume = Arc::new(phantom.texels());
+    let mut plain = phantom.state(Camera::default());
+    plain.render_settings.image_size = [24, 20];
+    plain.render_settings.step = 3.0;
+    let mut from_within = plain.clone();
+    from_within.camera.zoom = 9.0;
+    from_within.render_settings.integration = Integration::PostClassified;
+    from_within.clipping.planes.push("20,10,0.2".parse().expect("a plane"));
+    let mut unskipped = plain.clone();
+    unskipped.camera.projection = Projection::Orthographic;
+    unskipped.render_settings.leaps = false;
+    unskipped.render_settings.termination_opacity = 1.0;
+    let mut by_value = plain.clone();
+    by_value.transfer_function.classification = Classification::Value;
+    by_value.transfer_function.curve = "20,0060FF,0;60,00C0FF,0.1;110,FFC080,0.6".parse().expect("a curve");
+    let mut shadowed = plain.clone();
+    shadowed.render_settings.shading.occlusion = 0.8;
+    for (name, mut state) in [
+        ("plain", plain),
+        ("from within", from_within),
+        ("unskipped", unskipped),
+        ("by value", by_value),
+        ("shadowed", shadowed),
+    ] {
+        for technique in [Technique::Slices, Technique::Stacks] {
+            state.render_settings.technique = technique;
+            let (whole, _) = draw_with_budget(&gpu, &volume, &state, None);
+            assert!(lit_share(&whole, [0, 0, 0, 255]) > 0.05, "{name}");
+            for bricks in [18, 24] {
+                let (picture, uploads) = draw_with_budget(&gpu, &volume, &state, Some(bricks * BRICK));
+                assert!(picture == whole, "{name}, {technique:?}, {bricks} bricks: another picture");
+                assert!(uploads.is_some_and(|uploads| uploads > 0), "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn slices_that_need_more_bricks_at_once_say_what_to_do() {
+    let Some(gpu) = gpu_or_skip("slices_that_need_more_bricks_at_once_say_what_to_do") else { return };
     let phantom = shells();
     let mut state = phantom.state(Camera::default());
     state.render_settings.technique = Technique::Slices;
     let target = Target::new(&gpu, [32, 32]).expect("a target");
-    let mut renderer = Renderer::new(&gpu, &Arc::new(phantom.texels()), Some(9 * BRICK)).expect("has room for bricks");
+    let mut renderer = Renderer::new(&gpu, &Arc::new(phantom.texels()), Some(BRICK)).expect("has room for a brick");
     let error = renderer.draw(&state, &target).expect_err("is refused").to_string();
-    assert!(error.contains("draw it with rays"), "{error}");
+    assert!(
+        error.contains("there is room for 1 bricks of it, and slices need") && error.contains("with rays"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use voxrole_viewer::ViewState;
-use voxrole_viewer::reference::{RayMarcher, SampleCounts, Watch};
+use voxrole_viewer::reference::{RayMarcher, SampleCounts};
 use voxrole_viewer::scene::Surfaces;
 use voxrole_viewer::state::{Camera, Classification, Integration, Projection, Technique};
+use voxrole_viewer::{ViewState, Watch};
 
 use crate::phantom::Phantom;
 

@@ -13,6 +13,7 @@ use voxrole_pack::{
     DistanceQuantization, Histogram, HistogramAxis, HistogramKind, Layer, LayerKind, Precision, Reader, ScalarType,
     Writer,
 };
+use voxrole_preprocess::usage::UsageError;
 use voxrole_tests::comparison::draw_on_cpu;
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::state::CameraPreset;
@@ -104,7 +105,8 @@ fn hit_histogram(phantom: &Phantom, roles: &[Role]) -> Histogram {
 
 pub fn render(file: &Path, output: &Path, options: &[&str]) -> anyhow::Result<()> {
     let (file, output) = (file.to_str().expect("UTF-8"), output.to_str().expect("UTF-8"));
-    let arguments = ["voxrole-view", "render", file, "-o", output, "--size", "48x48"];
+    let size = if options.contains(&"--size") { &[][..] } else { &["--size", "48x48"] };
+    let arguments = [&["voxrole-view", "render", file, "-o", output], size].concat();
     let cli = Cli::try_parse_from(arguments.iter().chain(options)).expect("arguments are understood");
     match cli.command {
         Some(Command::Render(arguments)) => headless::render(&arguments),
@@ -317,4 +319,43 @@ fn failures_say_why_and_leave_no_file() {
     let region = format!("0:300,{}:{},FFFFFF", 0.5 * SHELLS[1].gradient(), 2.0 * SHELLS[0].gradient());
     let error = format!("{:#}", render(&packed, &nowhere, &["--cpu", "--region", &region]).expect_err("fails"));
     assert!(error.contains("nowhere"), "{error}");
+}
+
+#[test]
+fn a_box_beyond_the_volume_and_a_missing_mesh_are_told_of_as_what_they_are() {
+    let folder = folder("beyond");
+    let [packed, output] = ["shells.vxr", "a.png"].map(|name| folder.join(name));
+    write(&small_shells(), &packed).expect("is written");
+    let error = |options: &[&str]| {
+        let error = render(&packed, &output, &[&["--cpu"], options].concat()).expect_err("is refused");
+        assert!(!output.exists(), "{options:?}");
+        (format!("{error:#}"), error.is::<UsageError>())
+    };
+    let (message, is_usage) = error(&["--crop", ":,32:,:"]);
+    assert!(message.ends_with("along y the volume has the voxels 0 to 31") && !is_usage, "{message}");
+    let (message, is_usage) = error(&["--crop", ":-1,:,:"]);
+    assert!(message.contains("counted from 0") && is_usage, "{message}");
+    let (message, _) = error(&["--mesh", "missing.stl"]);
+    assert!(message.contains("missing.stl") && !message.contains("shells.vxr"), "{message}");
+    render(&packed, &output, &["--cpu", "--crop", ":,31:,:"]).expect("the last voxel is the volume's");
+}
+
+#[test]
+fn an_animation_is_as_fast_as_is_asked_for() {
+    let folder = folder("fps");
+    let packed = folder.join("shells.vxr");
+    write(&small_shells(), &packed).expect("is written");
+    let delay = |options: &[&str]| {
+        let output = folder.join("turn.apng");
+        render(&packed, &output, &[&["--cpu", "--size", "8x8", "--frames", "2"], options].concat()).expect("is drawn");
+        let file = std::io::BufReader::new(std::fs::File::open(output).expect("is written"));
+        let mut reader = png::Decoder::new(file).read_info().expect("is a picture");
+        let mut rgba = [0; 8 * 8 * 4];
+        reader.next_frame(&mut rgba).expect("a frame");
+        let control = reader.info().frame_control().expect("is an animation");
+        [control.delay_num, control.delay_den]
+    };
+    assert_eq!([delay(&[]), delay(&["--fps", "50"])], [[1, 25], [1, 50]]);
+    let error = render(&packed, &folder.join("a.png"), &["--frames", "2", "--fps", "50"]).expect_err("is refused");
+    assert!(error.is::<UsageError>() && error.to_string().contains("OUT.apng"), "{error}");
 }

@@ -241,7 +241,6 @@ fn what_needs_all_texels_says_what_would_fit() {
     for (memory, options, expected) in [
         ("3MiB", &["--cpu"][..], "draw `--level 1`, which takes 442 KiB"),
         ("3MiB", &["--transparent"], "`--depth` need all of it there"),
-        ("3MiB", &["--technique", "slices"], "slices need all of it there"),
         ("100KiB", &["--cpu"], "draw `--level 2`"),
         ("1KiB", &["--cpu"], "; give more `--memory`"),
     ] {
@@ -265,16 +264,20 @@ fn what_needs_all_texels_says_what_would_fit() {
 }
 
 #[test]
-fn slices_of_a_volume_in_a_file_are_refused() {
-    let Some(gpu) = gpu_or_skip("slices_of_a_volume_in_a_file_are_refused") else { return };
+fn slices_of_a_volume_in_a_file_are_those_of_all_texels() {
+    let Some(gpu) = gpu_or_skip("slices_of_a_volume_in_a_file_are_those_of_all_texels") else { return };
     let path = folder("sliced").join("shells.vxr");
     let phantom = shells();
     write(&phantom, &path).expect("is written");
     let mut state = phantom.state(Camera::default());
     state.render_settings.technique = Technique::Slices;
-    let target = Target::new(&gpu, [32, 32]).expect("a target");
-    let volume = TexelSource::File(in_file(&path, 0, PLENTY));
-    let mut renderer = Renderer::new(&gpu, &volume, None).expect("has room for bricks");
-    assert!(matches!(renderer.draw(&state, &target), Err(Error::VolumeTooLarge { .. })));
+    state.render_settings.image_size = [40, 45];
+    state.render_settings.step = 2.0;
+    let texels = Arc::new(VolumeTexels::read(&Reader::open(&path).expect("opens")).expect("reads"));
+    let (whole, _) = draw_with_budget(&gpu, &texels, &state, None);
+    let (picture, uploads) = draw(&gpu, &in_file(&path, 0, 1 << 20), &state, Some(12 * BRICK));
+    assert!(picture == whole && uploads > 12);
+    let output = path.with_extension("png");
+    render(&path, &output, &["--technique", "stacks", "--memory", "3MiB", "--gpu-memory", "4MiB"]).expect("is drawn");
     assert_eq!(BRICK_EDGE, 32, "a brick of a file begins where one on the device does");
 }

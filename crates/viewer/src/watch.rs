@@ -27,7 +27,7 @@ impl Watch {
         self.rows.load(Ordering::Relaxed)
     }
 
-    pub(super) fn add_rows(&self, rows: u32) {
+    pub(crate) fn add_rows(&self, rows: u32) {
         self.rows.fetch_add(rows, Ordering::Relaxed);
     }
 }

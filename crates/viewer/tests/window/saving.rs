@@ -1,0 +1,79 @@
+//! Pictures and sessions saved in the window, and sessions that were saved of another volume.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use voxrole_pack::Reader;
+use voxrole_tests::comparison::{draw_on_cpu, draw_on_gpu};
+use voxrole_viewer::state::SavedVolume;
+use voxrole_viewer::ui::ViewerWindow;
+use voxrole_viewer::ui::kept_window::KeptWindow;
+use voxrole_viewer::ui::opened_volume::OpenedVolume;
+use voxrole_viewer::{Gpu, ViewState};
+
+use crate::{CPU, GPU, harness, open_on, render_state, settle, shells, texels};
+
+/// Lets the window go on until the picture is written.
+pub fn wait_for_file(harness: &mut Harness<'_, ViewerWindow>) {
+    let start = Instant::now();
+    while harness.state().save.is_saving() {
+        assert!(start.elapsed().as_secs() < 120, "the picture is not written");
+        std::thread::sleep(Duration::from_millis(2));
+        harness.step();
+    }
+    harness.run();
+}
+
+#[test]
+fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_unasked() {
+    for device in [CPU, GPU] {
+        let Some(mut harness) = open_on(device) else { return };
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-saved.png");
+        std::fs::write(&path, b"something else").expect("writes");
+        assert_eq!(harness.state().save.path, shells().with_extension("png").display().to_string());
+        let window = harness.state_mut();
+        window.save.path = path.display().to_string();
+        window.view.render_settings.image_size = [120, 90];
+        let view = window.view.clone();
+        settle(&mut harness);
+        harness.get_by_label("Save PNG").click();
+        settle(&mut harness);
+        assert_eq!(std::fs::read(&path).expect("reads"), b"something else");
+        harness.get_by_label("Replace PNG").click();
+        harness.step();
+        assert!(harness.state().save.is_saving(), "the window goes on meanwhile");
+        wait_for_file(&mut harness);
+
+        let saved = image::open(&path).expect("a picture").into_rgba8();
+        assert_eq!(saved.dimensions(), (120, 90));
+        assert!(saved.pixels().any(|pixel| pixel != saved.get_pixel(60, 45)), "the picture is uniform");
+        let gpu = Gpu::new().expect("opened before");
+        let expected = if device.cpu { draw_on_cpu(&texels(), &view) } else { draw_on_gpu(&gpu, &texels(), &view) };
+        assert!(saved.as_raw() == &expected.rgba, "window and `render` draw the same picture");
+    }
+}
+
+#[test]
+fn a_session_of_another_volume_is_told_of() {
+    let Some(render_state) = render_state() else { return };
+    let reader = Reader::open(shells()).expect("opens");
+    let volume = OpenedVolume::read(shells(), &reader, &texels().description).expect("has histograms");
+    let this = SavedVolume::of(&volume.header);
+    let mut window = KeptWindow::new(volume);
+    let session = |volume: Option<SavedVolume>| ViewState { volume, ..window.view.clone() };
+    let [own, none] = [session(Some(this.clone())), session(None)];
+    let other = session(Some(SavedVolume { name: "head.nrrd".into(), value_range: [-1000.0, 3000.0] }));
+    for session in [own, none] {
+        assert_eq!(window.open_session(session), None);
+    }
+    let told = window.open_session(other).expect("is another").to_owned();
+    assert!(told.contains("saved of head.nrrd (values -1000 to 3000)"), "{told}");
+    window.view.render_settings.step = 4.0;
+    assert_eq!(window.view.volume, Some(this), "what is saved next is of this volume");
+    let window = window.open(&render_state, &Arc::new(texels()), CPU).expect("fits the device");
+    let harness = harness(render_state, window);
+    harness.get_by_label_contains("session was saved of head.nrrd");
+}
