@@ -161,7 +161,8 @@ fn run(
         range_sigma: recipe.range_sigmas.shares.clone(),
         warning: recipe
             .under_sampling(outcome.summary.edges.as_ref())
-            .or_else(|| nothing_found(&outcome.summary.counts, low != high)),
+            .or_else(|| nothing_found(&outcome.summary.counts, low != high))
+            .or_else(|| recipe.noise_left(&outcome.summary.counts)),
         choice: recipe.choice,
         counts: outcome.summary.counts,
         file_bytes: outcome.file_bytes,

@@ -81,6 +81,8 @@ pub struct Counts {
     pub evaluations: u64,
     /// Voxels with a boundary.
     pub hits: u64,
+    /// Those whose boundary has less than twice the gradient that one must have at least.
+    pub faint: u64,
     /// Voxels without one that are not masked.
     pub misses: u64,
     /// Cells of eight voxels.
@@ -99,17 +101,30 @@ impl Counts {
 
     /// The counts in their order.
     #[must_use]
-    pub fn to_numbers(&self) -> [u64; 11] {
-        let Self { voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells } =
-            *self;
-        [voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells]
+    pub fn to_numbers(&self) -> [u64; 12] {
+        let Self {
+            voxels,
+            masked,
+            flat,
+            skipped,
+            traced,
+            samples,
+            evaluations,
+            hits,
+            faint,
+            misses,
+            cells,
+            mixed_cells,
+        } = *self;
+        [voxels, masked, flat, skipped, traced, samples, evaluations, hits, faint, misses, cells, mixed_cells]
     }
 
     /// Counts by their order.
     #[must_use]
-    pub fn from_numbers(numbers: [u64; 11]) -> Self {
-        let [voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells] = numbers;
-        Self { voxels, masked, flat, skipped, traced, samples, evaluations, hits, misses, cells, mixed_cells }
+    pub fn from_numbers(numbers: [u64; 12]) -> Self {
+        let [voxels, masked, flat, skipped, traced, samples, evaluations, hits, faint, misses, cells, mixed_cells] =
+            numbers;
+        Self { voxels, masked, flat, skipped, traced, samples, evaluations, hits, faint, misses, cells, mixed_cells }
     }
 }
 

@@ -26,9 +26,14 @@ pub struct Roles {
     pub work: Work,
     /// Voxels with a boundary.
     pub hits: u64,
+    /// Those whose boundary has less than [`FAINT`] times the gradient that one must have at least.
+    pub faint: u64,
     /// Voxels with a NaN or infinite sample in their stencil.
     pub masked: u64,
 }
+
+/// Boundaries are faint with gradients up to this multiple of what they must have at least.
+pub const FAINT: f32 = 2.0;
 
 /// Marks a masked voxel in [`Roles::distance`].
 pub const MASKED: f32 = f32::INFINITY;
@@ -48,6 +53,7 @@ impl Roles {
             normal: filled(count, NO_NORMAL)?,
             work: Work::default(),
             hits: 0,
+            faint: 0,
             masked: 0,
         };
         let slice = nx * ny;
@@ -65,7 +71,8 @@ impl Roles {
                 totals
             })
             .reduce(Totals::default, Totals::plus);
-        (roles.work, roles.hits, roles.masked) = (totals.work, totals.hits, totals.masked);
+        (roles.work, roles.masked) = (totals.work, totals.masked);
+        (roles.hits, roles.faint) = (totals.hits, totals.faint);
         Ok(roles)
     }
 
@@ -114,7 +121,7 @@ fn trace_slice<S: Simd>(simd: S, tracer: &Tracer<'_>, region: &Region, k: usize,
             }
         }
         match tracer.trace([x + voxel % width, y + voxel / width, z + k], &mut totals.work) {
-            Traced::Role(role) => slice.set(voxel, role, &mut totals),
+            Traced::Role(role) => slice.set(tracer, voxel, role, &mut totals),
             Traced::Bracketed(bracketed) => {
                 brackets.set(waiting.len(), &bracketed.bracket);
                 waiting.push((voxel, bracketed));
@@ -131,7 +138,7 @@ fn trace_slice<S: Simd>(simd: S, tracer: &Tracer<'_>, region: &Region, k: usize,
 
 impl Slice<'_> {
     #[inline(always)]
-    fn set(&mut self, voxel: usize, role: Role, totals: &mut Totals) {
+    fn set(&mut self, tracer: &Tracer<'_>, voxel: usize, role: Role, totals: &mut Totals) {
         match role {
             Role::Masked => {
                 self.distance[voxel] = MASKED;
@@ -144,6 +151,7 @@ impl Slice<'_> {
                 self.hit_value[voxel] = hit.value;
                 self.normal[voxel] = encode_normal(hit.normal);
                 totals.hits += 1;
+                totals.faint += u64::from(hit.gradient_magnitude < FAINT * tracer.least_gradient());
             }
         }
     }
@@ -160,7 +168,7 @@ impl Slice<'_> {
     ) {
         for ((voxel, bracketed), t) in waiting.drain(..).zip(brackets.bisect(simd)) {
             let role = tracer.role_at(&bracketed, t, &mut totals.work);
-            self.set(voxel, role, totals);
+            self.set(tracer, voxel, role, totals);
         }
     }
 }
@@ -169,6 +177,7 @@ impl Slice<'_> {
 struct Totals {
     work: Work,
     hits: u64,
+    faint: u64,
     masked: u64,
 }
 
@@ -176,6 +185,7 @@ impl Totals {
     fn plus(mut self, other: Self) -> Self {
         self.work += other.work;
         self.hits += other.hits;
+        self.faint += other.faint;
         self.masked += other.masked;
         self
     }

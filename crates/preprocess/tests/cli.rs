@@ -489,6 +489,26 @@ fn a_volume_without_boundaries_is_warned_of() {
 }
 
 #[test]
+fn noise_that_is_stronger_in_a_part_is_warned_of() {
+    let workplace = Workplace::new();
+    let number = |voxel: usize| (voxel as u32 ^ 0x9e37).wrapping_mul(2_654_435_761) >> 16;
+    // A third as strong in three quarters of the volume, where the median is taken.
+    let noisy = |strong: u32| {
+        let value = |voxel: usize| (100 + number(voxel) % if voxel % 48 < 36 { 8 } else { strong }) as u8;
+        (0..48 * 48 * 48).map(value).collect::<Vec<u8>>()
+    };
+    let prepare = "prepare noise.raw --dims 48,48,48 --dtype u8 -o noise.vxr --method fast --report noise.json";
+    for (strong, is_warned) in [(8, false), (24, true)] {
+        workplace.write("noise.raw", &noisy(strong));
+        let message = String::from_utf8_lossy(&workplace.run(prepare).stderr).into_owned();
+        assert_eq!(message.contains("--noise-floor 8 (now 4)"), is_warned, "{strong}: {message}");
+    }
+    // As it says.
+    let found = workplace.run(&format!("{prepare} --noise-floor 64"));
+    assert!(found.status.success() && !String::from_utf8_lossy(&found.stderr).contains("twice the noise floor"));
+}
+
+#[test]
 fn a_step_that_takes_for_ever_is_refused() {
     let workplace = Workplace::new();
     workplace.succeed("phantom ball --dims 12,12,12 -o a.nrrd");

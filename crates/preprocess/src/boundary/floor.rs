@@ -32,7 +32,7 @@ impl GradientFloor {
     }
 
     /// The smallest that it is anywhere.
-    pub(super) fn least(&self) -> f32 {
+    pub(crate) fn least(&self) -> f32 {
         let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
         (deviations * noise.least()).max(GRADIENT_FLOOR)
     }

@@ -9,8 +9,8 @@ use glam::Vec3;
 
 use crate::differentiation::Gradient;
 use crate::directional_derivative::Derivatives;
-use crate::reconstruction::{EdgeSample, Smooth};
-use crate::root_finder::{HALVINGS, Probed, RootFinder, bisect, chandrupatla, first_fall_of_cubic};
+use crate::reconstruction::Smooth;
+use crate::root_finder::{HALVINGS, RootFinder, bisect, chandrupatla, first_fall_of_cubic};
 use crate::sampler::{Corners, Ray, Sampler, Span};
 use crate::settings::{Climb, Settings};
 use crate::working_field::{WorkingField, voxels};
@@ -18,6 +18,7 @@ use crate::zero_crossing::CellDistances;
 
 mod brackets;
 mod floor;
+mod refinement;
 
 pub(crate) use brackets::{Brackets, LANES};
 pub use floor::{GRADIENT_FLOOR, GradientFloor};
@@ -26,10 +27,6 @@ use brackets::Bracket;
 
 /// With steps above this share of L_min a ray could jump over a corner of a mixed cell unseen, so nothing is leapt over.
 const LARGEST_LEAPING_STEP: f32 = 0.9;
-
-/// How far to either side of a trilinear crossing that of a smooth reconstruction is looked for, in multiples of L_min. On
-/// edges blurred by 0.7 voxels and more the two differ by a few hundredths.
-const WINDOWS: [f32; 3] = [0.1, 0.25, 0.6];
 
 /// Where a voxel stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -479,65 +476,10 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// The crossing of a smooth reconstruction near a trilinear one, or that itself where there is none near. `None` where
-    /// the ray leaves the volume.
+    /// What every boundary's gradient is above, in working units.
     #[inline(always)]
-    fn refined(&self, smooth: &Smooth<'_>, up: &Ray, crossing: f32, work: &mut Work) -> Option<Probed<EdgeSample>> {
-        let first = self.edge(smooth, up, crossing, work)?;
-        // Upwards f'' falls from + to − at an authentic edge.
-        let is_inside = first.1 > 0.0;
-        let mut near = first;
-        for window in WINDOWS {
-            let Some(far) = self.edge(smooth, up, if is_inside { crossing + window } else { crossing - window }, work)
-            else {
-                break;
-            };
-            if (far.1 > 0.0) != is_inside {
-                let (inside, outside) = if is_inside { (near, far) } else { (far, near) };
-                return self.between(smooth, up, [inside, outside], work);
-            }
-            near = far;
-        }
-        Some(first)
-    }
-
-    /// The crossing of a smooth reconstruction between a place where f'' is positive and one where it is not.
-    #[inline(always)]
-    fn between(
-        &self,
-        smooth: &Smooth<'_>,
-        up: &Ray,
-        [inside, outside]: [Probed<EdgeSample>; 2],
-        work: &mut Work,
-    ) -> Option<Probed<EdgeSample>> {
-        if self.root_finder == RootFinder::Bisection {
-            let t = bisect(
-                inside.0,
-                outside.0,
-                #[inline(always)]
-                |t| matches!(self.edge(smooth, up, t, work), Some((_, edge, _)) if edge > 0.0),
-            );
-            return self.edge(smooth, up, t, work);
-        }
-        Some(chandrupatla(
-            inside,
-            outside,
-            #[inline(always)]
-            |t| match self.edge(smooth, up, t, work) {
-                Some((_, edge, sample)) => (edge, sample),
-                // Both ends lie in the volume, and so does what is between them.
-                None => (f32::NAN, inside.2),
-            },
-        ))
-    }
-
-    /// A place on a ray with what a smooth reconstruction has there, or `None` outside the volume.
-    #[inline(always)]
-    fn edge(&self, smooth: &Smooth<'_>, up: &Ray, t: f32, work: &mut Work) -> Option<Probed<EdgeSample>> {
-        let place = self.sampler.place(up, t)?;
-        work.evaluations += 1;
-        let sample = smooth.at(&place);
-        Some((t, sample.edge, sample))
+    pub(crate) fn least_gradient(&self) -> f32 {
+        self.least_gradient
     }
 
     /// The sampler of the fields.
