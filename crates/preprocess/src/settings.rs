@@ -129,13 +129,15 @@ pub const LEAST_STEP: f64 = 1e-3;
 
 impl Settings {
     /// What refines a crossing: unless it is set, bisection where f'' is trilinear, many voxels at once, and Chandrupatla's
-    /// method on splines, which take as long to evaluate as those many voxels.
+    /// method on splines, which take as long to evaluate as those many voxels, and are no cubics.
     #[must_use]
     pub fn root_finder(&self) -> RootFinder {
-        self.root_finder.unwrap_or(match self.reconstruction {
-            Reconstruction::Linear => RootFinder::Bisection,
+        match (self.root_finder, self.reconstruction) {
+            (Some(root_finder), Reconstruction::Linear) => root_finder,
+            (None, Reconstruction::Linear) => RootFinder::Bisection,
+            (Some(RootFinder::Bisection), _) => RootFinder::Bisection,
             _ => RootFinder::Chandrupatla,
-        })
+        }
     }
 
     /// These, with what takes up least chosen wherever that is left to the data.

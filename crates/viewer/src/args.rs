@@ -137,7 +137,7 @@ pub struct ViewArgs {
     /// Session to start from, as the window or --save-session wrote it; options given here go before it.
     #[arg(long, value_name = "FILE.toml")]
     pub session: Option<PathBuf>,
-    /// Width and height in pixels [default: 1024x1024].
+    /// Width and height in pixels [default: 1024x1024, and 256x256 for bench].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<ImageSize>,
     /// Where to look from: degrees around z and above the xy plane, or front, back, left, right, top, bottom, iso; then

@@ -88,7 +88,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         }
         if let TexelSource::File(packed) = &volume {
             let (unpacked, all) = (packed.bricks_unpacked(), packed.grid().len());
-            tell(format!("voxrole-view: {unpacked} bricks unpacked for rays, of {all} in the file"));
+            tell(format!("voxrole-view: bricks unpacked for rays {unpacked} times; the file has {all}"));
         }
     }
     let rgba = &drawn.picture.rgba;

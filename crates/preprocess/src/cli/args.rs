@@ -346,7 +346,7 @@ pub enum ClimbArg {
 pub enum RootArg {
     /// Halves the bracket.
     Bisection,
-    /// Inverse quadratics where they fit, else halves: a third of the evaluations.
+    /// Inverse quadratics where they fit, else halves: on splines a third of the evaluations.
     Chandrupatla,
     /// Solves trilinear f'' in closed form; chandrupatla where it is not trilinear.
     Cubic,
@@ -369,8 +369,8 @@ pub enum ProgressArg {
     /// A line for each stage.
     Lines,
     /// One JSON object a line. "event" is begin (of a "stage" of so many "steps"), step ("done" of "steps", at most two a
-    /// second and the last), done ("seconds", "output", "bytes"), warning or error ("message"), each with "input"; and
-    /// with several volumes a last summary ("succeeded", "failed").
+    /// second and the last), done ("seconds", "output", "bytes"), skipped ("output"), note, warning or error ("message"),
+    /// each with "input"; and with several volumes a last summary ("succeeded", "skipped", "failed").
     Json,
 }
 

@@ -71,9 +71,10 @@ impl VolumeTextures {
             let fits = is_short && budget.is_none_or(|budget| compressed_bytes(dims) <= budget);
             return match source {
                 TexelSource::Memory(volume) if fits => WholeVolume::compressed(gpu, volume).map(Self::Whole),
-                _ => Err(memory
-                    .normals
-                    .refused(gpu, "there is no room for all of the volume, and bricks have exact ones")),
+                _ => Err(memory.normals.refused(
+                    gpu,
+                    "there is no room for all of the volume (--gpu-memory gives more), and bricks have exact ones",
+                )),
             };
         }
         let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;
