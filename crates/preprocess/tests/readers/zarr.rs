@@ -45,6 +45,11 @@ const BYTES: &str = r#"{"name": "bytes", "configuration": {"endian": "little"}}"
 const GZIP: &str =
     r#"{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "gzip", "configuration": {"level": 5}}"#;
 
+/// Shards of chunks with one axis too few.
+const FLAT_SHARDS: &str = r#"{"name": "sharding_indexed", "configuration": {"chunk_shape": [1, 4],
+    "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}],
+    "index_codecs": [{"name": "bytes", "configuration": {"endian": "little"}}]}}"#;
+
 fn message(folder: &Path) -> String {
     read_volume(folder, &ReadOptions::default()).expect_err("refused").to_string()
 }
@@ -103,6 +108,7 @@ fn bad_metadata_are_refused() {
         ("\"zarr_format\": 3", "\"zarr_format\": 9", "found"),
         ("\"node_type\": \"array\"", "\"node_type\": \"group\"", "OME-Zarr image"),
         ("{\"zarr", "{\"zarr_forma\u{0}\"", "JSON"),
+        (GZIP, FLAT_SHARDS, "chunk_shape of 3 axes"),
         ("\"attributes\"", "\"dimension_names\": [\"x\", \"y\", \"z\"], \"attributes\"", "z, y and x in this order"),
     ] {
         let folder = store(ScalarType::U16, GZIP, gzip);

@@ -14,7 +14,7 @@ use chunks::Chunks;
 use multiscales::{Lattice, Multiscale};
 use serde_json::{Map, Value};
 use voxrole_pack::ScalarType;
-use zarrs::array::{Array, ArrayMetadata};
+use zarrs::array::{Array, ArrayMetadata, ArrayShardedExt};
 use zarrs::plugin::ExtensionName;
 
 use super::placement::Placement;
@@ -277,6 +277,12 @@ fn check_chunks(array: &Array<ChunkFiles>, scalar_type: ScalarType, limit: u64) 
     let shape = array
         .chunk_shape(&vec![0; array.dimensionality()])
         .map_err(|error| format!("expected chunks, found: {error}"))?;
+    // zarrs takes any count of axes for what a shard is made of.
+    if let Some(inner) = array.effective_subchunk_shape()
+        && inner.len() != shape.len()
+    {
+        return Err(format!("sharding_indexed: expected a chunk_shape of {} axes, found {}", shape.len(), inner.len()));
+    }
     let size = scalar_type.size_in_bytes() as u64;
     let bytes = shape.iter().try_fold(size, |bytes, size| bytes.checked_mul(size.get()));
     match bytes {
