@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils};
 use crate::simd;
-use crate::stencil::{AxisStencil, Taps, weighted_sum};
+use crate::stencil::{AxisStencil, Number, Taps, Weights};
 use crate::working_field::{WorkingField, voxels, voxels_mut};
 
 /// Computes [`Derivatives`]: `f'' = ∇fᵀH∇f / ‖∇f‖²`, eq. (2) of the paper, H by second differences.
@@ -38,267 +38,317 @@ fn derivatives_at(level: Level, field: &WorkingField, operator: EdgeOperator, de
     let [nx, ny, _] = field.dims();
     let stencils = Stencils::new(field);
     let source = voxels(&field.values);
+    let slab = nx * ny * SLAB;
+    let block = nx * (BLOCK_SAMPLES / nx).clamp(1, ny);
     voxels_mut(gradient_magnitude)
-        .par_chunks_mut(nx * ny)
-        .zip(voxels_mut(second_derivative).par_chunks_mut(nx * ny))
+        .par_chunks_mut(slab)
+        .zip(voxels_mut(second_derivative).par_chunks_mut(slab))
         .enumerate()
-        .for_each_init(
-            || FirstDerivatives { y: vec![0.0; nx], z: vec![0.0; nx] },
-            |first, (k, (slice_g, slice_f2))| {
-                let slice = Slice { source, stencils: &stencils, k };
-                // Operators are spelled out, so that no loop asks which it is.
-                dispatch!(level, simd => match operator {
-                    EdgeOperator::SecondDerivative => {
-                        slice.differentiate(simd, EdgeOperator::SecondDerivative, first, slice_g, slice_f2);
-                    }
-                    EdgeOperator::Plus => slice.differentiate(simd, EdgeOperator::Plus, first, slice_g, slice_f2),
-                });
-            },
-        );
+        .for_each(|(slab, (slab_g, slab_f2))| {
+            for first in (0..nx * ny).step_by(block) {
+                let samples = first..(first + block).min(nx * ny);
+                let slices = slab_g.chunks_exact_mut(nx * ny).zip(slab_f2.chunks_exact_mut(nx * ny));
+                for (k, (slice_g, slice_f2)) in (slab * SLAB..).zip(slices) {
+                    let slice = Slice { source, stencils: &stencils, dims: [nx, ny], k, first: first / nx };
+                    let (rows_g, rows_f2) = (&mut slice_g[samples.clone()], &mut slice_f2[samples.clone()]);
+                    // Operators are spelled out, so that no loop asks which it is.
+                    dispatch!(level, simd => match operator {
+                        EdgeOperator::SecondDerivative => {
+                            slice.differentiate(simd, EdgeOperator::SecondDerivative, rows_g, rows_f2);
+                        }
+                        EdgeOperator::Plus => slice.differentiate(simd, EdgeOperator::Plus, rows_g, rows_f2),
+                    });
+                }
+            }
+        });
 }
 
-/// The slice that is differentiated.
+/// Slices that are taken together.
+const SLAB: usize = 16;
+/// Samples of a slice that are taken before those of the next: few enough for the slices beside it to be in the cache still.
+const BLOCK_SAMPLES: usize = 1 << 14;
+
+/// Rows of a slice that are differentiated.
 struct Slice<'a> {
     /// The whole field.
     source: &'a [f32],
     stencils: &'a Stencils,
+    /// Of the slice.
+    dims: [usize; 2],
     /// Its index.
     k: usize,
-}
-
-/// First derivatives of one row, whose neighbours in x are needed too.
-struct FirstDerivatives {
-    y: Vec<f32>,
-    z: Vec<f32>,
+    /// The first of the rows.
+    first: usize,
 }
 
 impl Slice<'_> {
     #[inline(always)]
-    fn differentiate<S: Simd>(
-        &self,
-        simd: S,
-        operator: EdgeOperator,
-        first: &mut FirstDerivatives,
-        slice_g: &mut [f32],
-        slice_f2: &mut [f32],
-    ) {
-        let nx = first.y.len();
-        let rows_per_slice = slice_g.len() / nx;
+    fn differentiate<S: Simd>(&self, simd: S, operator: EdgeOperator, rows_g: &mut [f32], rows_f2: &mut [f32]) {
+        let [nx, ny] = self.dims;
         let [x_axis, y_axis, z_axis] = &self.stencils.axes;
         let z = z_axis.taps(self.k);
-        for (j, (row_g, row_f2)) in slice_g.chunks_exact_mut(nx).zip(slice_f2.chunks_exact_mut(nx)).enumerate() {
+        for (j, (row_g, row_f2)) in (self.first..).zip(rows_g.chunks_exact_mut(nx).zip(rows_f2.chunks_exact_mut(nx))) {
             let y = y_axis.taps(j);
-            let rows = Rows::new(&y, &z, |k, j| &self.source[(k * rows_per_slice + j) * nx..][..nx]);
-            if y.is_central() && z.is_central() {
-                rows.differentiate::<S, true>(simd, x_axis, operator, first, row_g, row_f2);
-            } else {
-                rows.differentiate::<S, false>(simd, x_axis, operator, first, row_g, row_f2);
-            }
+            let row = |k: usize, j: usize| &self.source[(k * ny + j) * nx..][..nx];
+            let rows = Rows { y: &y, z: &z, plane: z.index.map(|k| y.index.map(|j| row(k, j))) };
+            rows.differentiate(simd, x_axis, operator, row_g, row_f2);
         }
     }
 }
 
-/// The rows around a row, with their weights. Where `CENTRAL` is promised, both taps are: what has no weight is left out then.
+/// The rows around a row.
 struct Rows<'a> {
     y: &'a Taps,
     z: &'a Taps,
-    /// By tap along z, then along y.
+    /// By tap along z, then along y; all of one length.
     plane: [[&'a [f32]; 3]; 3],
-    along_y: [&'a [f32]; 3],
-    along_z: [&'a [f32]; 3],
-    center: &'a [f32],
 }
 
-impl<'a> Rows<'a> {
+impl Rows<'_> {
     #[inline(always)]
-    fn new(y: &'a Taps, z: &'a Taps, row: impl Fn(usize, usize) -> &'a [f32]) -> Self {
-        let at = |c: usize, b: usize| row(z.index[c], y.index[b]);
-        let plane = [[at(0, 0), at(0, 1), at(0, 2)], [at(1, 0), at(1, 1), at(1, 2)], [at(2, 0), at(2, 1), at(2, 2)]];
-        let along_z = [plane[0][y.center], plane[1][y.center], plane[2][y.center]];
-        Self { y, z, plane, along_y: plane[z.center], along_z, center: along_z[z.center] }
-    }
-
-    #[inline(always)]
-    fn differentiate<S: Simd, const CENTRAL: bool>(
+    fn differentiate<S: Simd>(
         &self,
         simd: S,
         axis: &AxisStencil,
         operator: EdgeOperator,
-        first: &mut FirstDerivatives,
         row_g: &mut [f32],
         row_f2: &mut [f32],
     ) {
         let len = row_g.len();
         if len < S::f32s::LEN + 2 {
             for x in 0..len {
-                first.y[x] = difference::<CENTRAL>(self.y.first, column(self.along_y, x));
-                first.z[x] = difference::<CENTRAL>(self.z.first, column(self.along_z, x));
-            }
-            for x in 0..len {
-                (row_g[x], row_f2[x]) = operator.apply(self.partials::<CENTRAL>(x, &axis.taps(x), first));
+                let taps = axis.taps(x);
+                let [a, b, c] = taps.index.map(|x| self.column(x));
+                let own = pick([a, b, c], taps.center);
+                let samples = [a.sample, b.sample, c.sample];
+                (row_g[x], row_f2[x]) = operator.apply(own.partials(AlongX::new(&taps.weights, samples)));
             }
             return;
         }
-        self.first_derivatives::<S, CENTRAL>(simd, first);
-        self.differentiate_inside::<S, CENTRAL>(simd, &axis.taps(1), operator, first, row_g, row_f2);
-        for x in [0, len - 1] {
-            (row_g[x], row_f2[x]) = operator.apply(self.partials::<CENTRAL>(x, &axis.taps(x), first));
+        let [low, middle, high] = &self.plane;
+        let plane = [cut(low, len), cut(middle, len), cut(high, len)];
+        let row = Row { plane, simd, operator, x: [0, 1, len - 1].map(|x| axis.taps(x).weights.splat(simd)) };
+        let (y, z) = (self.y.weights.splat(simd), self.z.weights.splat(simd));
+        if y.is_central && z.is_central {
+            let (y, z) = (y.known_central(), z.known_central());
+            row.differentiate(&Across { y, z, y_center: 1, z_center: 1 }, row_g, row_f2);
+        } else {
+            let (y_center, z_center) = (self.y.center, self.z.center);
+            row.differentiate(&Across { y, z, y_center, z_center }, row_g, row_f2);
         }
     }
 
-    /// First derivatives along y and z of a row that is no shorter than a vector.
-    #[inline(always)]
-    fn first_derivatives<S: Simd, const CENTRAL: bool>(&self, simd: S, first: &mut FirstDerivatives) {
-        let len = self.center.len();
-        let (y, z) = (&mut first.y[..len], &mut first.z[..len]);
-        let (along_y, along_z) = (cut(self.along_y, len), cut(self.along_z, len));
-        let (y_weights, z_weights) = (splat(simd, self.y.first), splat(simd, self.z.first));
-        let mut x = 0;
-        loop {
-            let of_y = difference_lanes::<S, CENTRAL>(y_weights, lanes_of(simd, along_y, x));
-            let of_z = difference_lanes::<S, CENTRAL>(z_weights, lanes_of(simd, along_z, x));
-            of_y.store_slice(&mut y[x..][..S::f32s::LEN]);
-            of_z.store_slice(&mut z[x..][..S::f32s::LEN]);
-            if x + S::f32s::LEN == len {
-                break;
-            }
-            // The last vector overlaps the one before, so that nothing is left over.
-            x = (x + S::f32s::LEN).min(len - S::f32s::LEN);
-        }
-    }
-
-    /// The samples that have a neighbour on both sides, where there are as many as a vector holds.
-    ///
-    /// Functions and no closures, [`EdgeOperator::apply_to_lanes`] alike: std's `map` would be compiled without the level's
-    /// instructions, which made this several times slower.
-    #[inline(always)]
-    fn differentiate_inside<S: Simd, const CENTRAL: bool>(
-        &self,
-        simd: S,
-        taps: &Taps,
-        operator: EdgeOperator,
-        first: &FirstDerivatives,
-        row_g: &mut [f32],
-        row_f2: &mut [f32],
-    ) {
-        // One length for all, so that one comparison is enough for all.
-        let len = row_g.len();
-        let row_f2 = &mut row_f2[..len];
-        let (center, first_y, first_z) = (&self.center[..len], &first.y[..len], &first.z[..len]);
-        let [low, middle, high] = [cut(self.plane[0], len), cut(self.plane[1], len), cut(self.plane[2], len)];
-        let (along_y, along_z) = (cut(self.along_y, len), cut(self.along_z, len));
-        let [first_x_weights, first_y_weights, first_z_weights] =
-            [splat(simd, taps.first), splat(simd, self.y.first), splat(simd, self.z.first)];
-        let [second_x_weights, second_y_weights, second_z_weights] =
-            [splat(simd, taps.second), splat(simd, self.y.second), splat(simd, self.z.second)];
-        let end = len - 1;
-        let mut x = 1;
-        loop {
-            let (value, y, z) = (around(simd, center, x), around(simd, first_y, x), around(simd, first_z, x));
-            let of_middle = if CENTRAL {
-                S::f32s::splat(simd, 0.0)
-            } else {
-                difference_lanes::<S, false>(first_y_weights, lanes_of(simd, middle, x))
-            };
-            let yz = [
-                difference_lanes::<S, CENTRAL>(first_y_weights, lanes_of(simd, low, x)),
-                of_middle,
-                difference_lanes::<S, CENTRAL>(first_y_weights, lanes_of(simd, high, x)),
-            ];
-            let (g, f2) = operator.apply_to_lanes(
-                simd,
-                [
-                    difference_lanes::<S, true>(first_x_weights, value),
-                    y[1],
-                    z[1],
-                    difference_lanes::<S, false>(second_x_weights, value),
-                    difference_lanes::<S, false>(second_y_weights, lanes_of(simd, along_y, x)),
-                    difference_lanes::<S, false>(second_z_weights, lanes_of(simd, along_z, x)),
-                    difference_lanes::<S, true>(first_x_weights, y),
-                    difference_lanes::<S, true>(first_x_weights, z),
-                    difference_lanes::<S, CENTRAL>(first_z_weights, yz),
-                ],
-            );
-            g.store_slice(&mut row_g[x..][..S::f32s::LEN]);
-            f2.store_slice(&mut row_f2[x..][..S::f32s::LEN]);
-            if x + S::f32s::LEN == end {
-                break;
-            }
-            x = (x + S::f32s::LEN).min(end - S::f32s::LEN);
-        }
-    }
-
-    /// The partial derivatives at sample `x`.
-    #[inline(always)]
-    fn partials<const CENTRAL: bool>(&self, x: usize, taps: &Taps, first: &FirstDerivatives) -> [f32; 9] {
-        let [a, b, c] = taps.index;
-        let value = [self.center[a], self.center[b], self.center[c]];
-        let y = [first.y[a], first.y[b], first.y[c]];
-        let z = [first.z[a], first.z[b], first.z[c]];
-        let [low, middle, high] = self.plane;
-        let of_middle = if CENTRAL { 0.0 } else { weighted_sum(self.y.first, column(middle, x)) };
-        let yz = [
-            difference::<CENTRAL>(self.y.first, column(low, x)),
-            of_middle,
-            difference::<CENTRAL>(self.y.first, column(high, x)),
-        ];
-        [
-            weighted_sum(taps.first, value),
-            y[taps.center],
-            z[taps.center],
-            weighted_sum(taps.second, value),
-            weighted_sum(self.y.second, column(self.along_y, x)),
-            weighted_sum(self.z.second, column(self.along_z, x)),
-            weighted_sum(taps.first, y),
-            weighted_sum(taps.first, z),
-            difference::<CENTRAL>(self.z.first, yz),
-        ]
+    /// The samples at `x`.
+    fn column(&self, x: usize) -> Column<f32> {
+        let Taps { weights: y, center: y_center, .. } = *self.y;
+        let Taps { weights: z, center: z_center, .. } = *self.z;
+        Across { y, z, y_center, z_center }.column(self.plane.map(|rows| rows.map(|row| row[x])))
     }
 }
 
+/// Rows of one length, so that one comparison is enough for all.
 #[inline(always)]
-fn cut([a, b, c]: [&[f32]; 3], len: usize) -> [&[f32]; 3] {
+fn cut<'a>([a, b, c]: &[&'a [f32]; 3], len: usize) -> [&'a [f32]; 3] {
     [&a[..len], &b[..len], &c[..len]]
 }
 
+/// One of three, without a detour by memory.
 #[inline(always)]
-fn column(rows: [&[f32]; 3], x: usize) -> [f32; 3] {
-    [rows[0][x], rows[1][x], rows[2][x]]
+fn pick<T>([a, b, c]: [T; 3], index: usize) -> T {
+    match index {
+        0 => a,
+        1 => b,
+        _ => c,
+    }
 }
 
-#[inline(always)]
-fn splat<S: Simd>(simd: S, [a, b, c]: [f32; 3]) -> [S::f32s; 3] {
-    [S::f32s::splat(simd, a), S::f32s::splat(simd, b), S::f32s::splat(simd, c)]
+/// What is made of samples across a row.
+struct Across<V> {
+    y: Weights<V>,
+    z: Weights<V>,
+    y_center: usize,
+    z_center: usize,
 }
 
-#[inline(always)]
-fn lanes<S: Simd>(simd: S, row: &[f32], x: usize) -> S::f32s {
-    S::f32s::from_slice(simd, &row[x..][..S::f32s::LEN])
+impl<V: Number> Across<V> {
+    #[inline(always)]
+    fn column(&self, [low, middle, high]: [[V; 3]; 3]) -> Column<V> {
+        let Self { y, z, y_center, z_center } = self;
+        let along_y = pick([low, middle, high], *z_center);
+        let along_z = [pick(low, *y_center), pick(middle, *y_center), pick(high, *y_center)];
+        Column {
+            sample: Sample { value: pick(along_y, *y_center), y: y.first(along_y), z: z.first(along_z) },
+            yy: y.second(along_y),
+            zz: z.second(along_z),
+            yz: z.first([y.first(low), y.first(middle), y.first(high)]),
+        }
+    }
 }
 
-/// The same samples of three rows.
-#[inline(always)]
-fn lanes_of<S: Simd>(simd: S, [a, b, c]: [&[f32]; 3], x: usize) -> [S::f32s; 3] {
-    [lanes(simd, a, x), lanes(simd, b, x), lanes(simd, c, x)]
+/// What is differentiated along x: the value and its first derivatives across.
+#[derive(Clone, Copy)]
+struct Sample<V> {
+    value: V,
+    y: V,
+    z: V,
 }
 
-/// Samples of a row with those below and above them.
-#[inline(always)]
-fn around<S: Simd>(simd: S, row: &[f32], x: usize) -> [S::f32s; 3] {
-    [lanes(simd, row, x - 1), lanes(simd, row, x), lanes(simd, row, x + 1)]
+/// A sample with those derivatives that need none beside it.
+#[derive(Clone, Copy)]
+struct Column<V> {
+    sample: Sample<V>,
+    yy: V,
+    zz: V,
+    yz: V,
 }
 
-/// [`weighted_sum`], where `CENTRAL` promises that the middle sample has no weight.
-#[inline(always)]
-fn difference<const CENTRAL: bool>(weights: [f32; 3], samples: [f32; 3]) -> f32 {
-    if CENTRAL { weights[0] * samples[0] + weights[2] * samples[2] } else { weighted_sum(weights, samples) }
+/// fx, fxx, fxy and fxz.
+struct AlongX<V> {
+    x: V,
+    xx: V,
+    xy: V,
+    xz: V,
 }
 
-/// [`difference`], lane by lane.
+impl<V: Number> AlongX<V> {
+    #[inline(always)]
+    fn new(weights: &Weights<V>, [a, b, c]: [Sample<V>; 3]) -> Self {
+        let value = [a.value, b.value, c.value];
+        let (xy, xz) = (weights.first([a.y, b.y, c.y]), weights.first([a.z, b.z, c.z]));
+        Self { x: weights.first(value), xx: weights.second(value), xy, xz }
+    }
+}
+
+impl<V: Number> Column<V> {
+    /// fx, fy, fz, fxx, fyy, fzz, fxy, fxz, fyz.
+    #[inline(always)]
+    fn partials(&self, AlongX { x, xx, xy, xz }: AlongX<V>) -> [V; 9] {
+        [x, self.sample.y, self.sample.z, xx, self.yy, self.zz, xy, xz, self.yz]
+    }
+}
+
+/// The lanes of the longest vectors there are.
+const LANES: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+
+/// A row that is longer than a vector.
+///
+/// Functions and no closures, [`EdgeOperator::apply_to_lanes`] alike: std's `map` would be compiled without the level's
+/// instructions, which made this several times slower.
+struct Row<'a, S: Simd> {
+    plane: [[&'a [f32]; 3]; 3],
+    simd: S,
+    operator: EdgeOperator,
+    /// Weights of the first sample, of those inside and of the last.
+    x: [Weights<S::f32s>; 3],
+}
+
+impl<S: Simd> Row<'_, S> {
+    /// The first vector and the last ones overlap others, so that nothing is left over. Between them memory is aligned to
+    /// vectors and read once: what is beside a vector is made of those read before and after it.
+    #[inline(always)]
+    fn differentiate(&self, across: &Across<S::f32s>, row_g: &mut [f32], row_f2: &mut [f32]) {
+        let (lanes, len) = (S::f32s::LEN, row_g.len());
+        let row_f2 = &mut row_f2[..len];
+        let inside = &self.x[1].known_central();
+
+        // The first sample has no other before it.
+        let mut own = self.column(across, 0);
+        let next = [self.column(across, 1).sample, self.column(across, 2).sample];
+        let others = AlongX::new(inside, [one_before::<S>(own.sample, own.sample), own.sample, next[0]]);
+        let first = AlongX::new(&self.x[0], [own.sample, next[0], next[1]]);
+        self.set(own.partials(self.one_of(0, first, others)), 0, row_g, row_f2);
+
+        let mut x = 1 + row_g[1..].as_ptr().align_offset(lanes * size_of::<f32>());
+        if x + 2 * lanes <= len {
+            own = self.column(across, x);
+            // Of those before it only the last is needed.
+            let before = self.column(across, x - 1).sample;
+            let mut below = one_after::<S>(before, before);
+            while x + 2 * lanes <= len {
+                let next = self.column(across, x + lanes);
+                let along_x = AlongX::new(
+                    inside,
+                    [one_before::<S>(below, own.sample), own.sample, one_after::<S>(own.sample, next.sample)],
+                );
+                self.set(own.partials(along_x), x, row_g, row_f2);
+                (below, own) = (own.sample, next);
+                x += lanes;
+            }
+        }
+        let last = len - lanes;
+        while x < last {
+            own = self.column(across, x);
+            let around = [self.column(across, x - 1).sample, own.sample, self.column(across, x + 1).sample];
+            self.set(own.partials(AlongX::new(inside, around)), x, row_g, row_f2);
+            x = (x + lanes).min(last);
+        }
+        own = self.column(across, last);
+        let before = [self.column(across, last - 2).sample, self.column(across, last - 1).sample];
+        let others = AlongX::new(inside, [before[1], own.sample, one_after::<S>(own.sample, own.sample)]);
+        let end = AlongX::new(&self.x[2], [before[0], before[1], own.sample]);
+        self.set(own.partials(self.one_of(lanes - 1, end, others)), last, row_g, row_f2);
+    }
+
+    /// One lane of `one`, all others of `others`.
+    #[inline(always)]
+    fn one_of(&self, lane: usize, one: AlongX<S::f32s>, others: AlongX<S::f32s>) -> AlongX<S::f32s> {
+        let indices = S::f32s::from_slice(self.simd, &LANES[..S::f32s::LEN]);
+        let chosen = indices.simd_eq(S::f32s::splat(self.simd, LANES[lane]));
+        AlongX {
+            x: chosen.select(one.x, others.x),
+            xx: chosen.select(one.xx, others.xx),
+            xy: chosen.select(one.xy, others.xy),
+            xz: chosen.select(one.xz, others.xz),
+        }
+    }
+
+    #[inline(always)]
+    fn column(&self, across: &Across<S::f32s>, x: usize) -> Column<S::f32s> {
+        let [low, middle, high] = &self.plane;
+        across.column([self.lanes(low, x), self.lanes(middle, x), self.lanes(high, x)])
+    }
+
+    #[inline(always)]
+    fn lanes(&self, [a, b, c]: &[&[f32]; 3], x: usize) -> [S::f32s; 3] {
+        [
+            S::f32s::from_slice(self.simd, &a[x..][..S::f32s::LEN]),
+            S::f32s::from_slice(self.simd, &b[x..][..S::f32s::LEN]),
+            S::f32s::from_slice(self.simd, &c[x..][..S::f32s::LEN]),
+        ]
+    }
+
+    #[inline(always)]
+    fn set(&self, partials: [S::f32s; 9], x: usize, row_g: &mut [f32], row_f2: &mut [f32]) {
+        let (g, f2) = self.operator.apply_to_lanes(self.simd, partials);
+        g.store_slice(&mut row_g[x..][..S::f32s::LEN]);
+        f2.store_slice(&mut row_f2[x..][..S::f32s::LEN]);
+    }
+}
+
+/// The samples before those of `own`, the first of which is the last of `below`.
 #[inline(always)]
-fn difference_lanes<S: Simd, const CENTRAL: bool>(weights: [S::f32s; 3], samples: [S::f32s; 3]) -> S::f32s {
-    let outer = weights[0] * samples[0] + weights[2] * samples[2];
-    if CENTRAL { outer } else { outer + weights[1] * samples[1] }
+fn one_before<S: Simd>(below: Sample<S::f32s>, own: Sample<S::f32s>) -> Sample<S::f32s> {
+    Sample {
+        value: last_and_others::<S>(below.value, own.value),
+        y: last_and_others::<S>(below.y, own.y),
+        z: last_and_others::<S>(below.z, own.z),
+    }
+}
+
+/// The samples after those of `own`, the last of which is the first of `above`.
+#[inline(always)]
+fn one_after<S: Simd>(own: Sample<S::f32s>, above: Sample<S::f32s>) -> Sample<S::f32s> {
+    Sample { value: own.value.slide::<1>(above.value), y: own.y.slide::<1>(above.y), z: own.z.slide::<1>(above.z) }
+}
+
+/// The last lane of one vector, and all but the last of another.
+#[inline(always)]
+fn last_and_others<S: Simd>(one: S::f32s, other: S::f32s) -> S::f32s {
+    match S::f32s::LEN {
+        4 => one.slide::<3>(other),
+        8 => one.slide::<7>(other),
+        _ => one.slide::<15>(other),
+    }
 }
 
 #[cfg(test)]
@@ -338,33 +388,27 @@ mod tests {
             for j in 0..ny {
                 for i in 0..nx {
                     let taps = [(0, i), (1, j), (2, k)].map(|(axis, index)| stencils.axes[axis].taps(index));
-                    let one = |taps: &Taps| std::array::from_fn(|tap| if tap == taps.center { 1.0 } else { 0.0 });
                     let at = |a: usize, b: usize, c: usize| {
                         source[(taps[2].index[c] * ny + taps[1].index[b]) * nx + taps[0].index[a]]
                     };
-                    let product = |x: [f32; 3], y: [f32; 3], z: [f32; 3]| {
-                        weighted_sum(
-                            x,
-                            std::array::from_fn(|a| {
-                                weighted_sum(
-                                    z,
-                                    std::array::from_fn(|c| weighted_sum(y, std::array::from_fn(|b| at(a, b, c)))),
-                                )
-                            }),
-                        )
+                    let line = |axis: usize, order: usize, samples: [f32; 3]| {
+                        let Taps { center, weights, .. } = &taps[axis];
+                        [samples[*center], weights.first(samples), weights.second(samples)][order]
                     };
-                    let [x, y, z] = &taps;
-                    let (ix, iy, iz) = (one(x), one(y), one(z));
+                    let derivative = |x: usize, y: usize, z: usize| {
+                        let of_y = |a: usize, c: usize| line(1, y, std::array::from_fn(|b| at(a, b, c)));
+                        line(0, x, std::array::from_fn(|a| line(2, z, std::array::from_fn(|c| of_y(a, c)))))
+                    };
                     out.push(operator.apply([
-                        product(x.first, iy, iz),
-                        product(ix, y.first, iz),
-                        product(ix, iy, z.first),
-                        product(x.second, iy, iz),
-                        product(ix, y.second, iz),
-                        product(ix, iy, z.second),
-                        product(x.first, y.first, iz),
-                        product(x.first, iy, z.first),
-                        product(ix, y.first, z.first),
+                        derivative(1, 0, 0),
+                        derivative(0, 1, 0),
+                        derivative(0, 0, 1),
+                        derivative(2, 0, 0),
+                        derivative(0, 2, 0),
+                        derivative(0, 0, 2),
+                        derivative(1, 1, 0),
+                        derivative(1, 0, 1),
+                        derivative(0, 1, 1),
                     ]));
                 }
             }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use ndarray::Array3;
 use voxrole_pack::scalar::par_range_within;
 
-use crate::stencil::{AxisStencil, weighted_sum};
+use crate::stencil::AxisStencil;
 use crate::working_field::{Field, WorkingField, voxels};
 
 /// g = ‖∇f‖ and f'' = nᵀHn at every voxel; NaN where any of the 19 samples of the stencil is.
@@ -83,6 +83,10 @@ impl EdgeOperator {
         let (zero, two) = (S::f32s::splat(simd, 0.0), S::f32s::splat(simd, 2.0));
         let squared = x * x + y * y + z * z;
         let along = (x * x * xx + y * y * yy + z * z * zz) + two * (x * y * xy + x * z * xz + y * z * yz);
+        // Where nothing changes, as in masked background, there is nothing to divide.
+        if (squared.simd_eq(zero) & along.simd_eq(zero)).all_true() {
+            return (zero, zero);
+        }
         let rises = squared.simd_gt(zero);
         let second = along / rises.select(squared, S::f32s::splat(simd, 1.0));
         let edge = match self {
@@ -117,9 +121,9 @@ impl Stencils {
         let at = |i: usize, j: usize, k: usize| values[(k * ny + j) * nx + i];
         let [x, y, z] = [self.axes[0].taps(i), self.axes[1].taps(j), self.axes[2].taps(k)];
         Vec3::new(
-            weighted_sum(x.first, x.index.map(|tap| at(tap, j, k))),
-            weighted_sum(y.first, y.index.map(|tap| at(i, tap, k))),
-            weighted_sum(z.first, z.index.map(|tap| at(i, j, tap))),
+            x.weights.first(x.index.map(|tap| at(tap, j, k))),
+            y.weights.first(y.index.map(|tap| at(i, tap, k))),
+            z.weights.first(z.index.map(|tap| at(i, j, tap))),
         )
     }
 }

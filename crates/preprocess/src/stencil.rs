@@ -1,12 +1,16 @@
 //! Three-sample differences along one axis, with the border rule.
 
+use std::ops::{Add, Mul, Sub};
+
+use fearless_simd::{Simd, prelude::*};
+
 /// Weights and taps of the first and second difference along one axis.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisStencil {
     len: usize,
     first_border: [f32; 3],
     first_inside: [f32; 3],
-    second: [f32; 3],
+    second: f32,
 }
 
 /// The three samples used at one index, and their weights.
@@ -16,18 +20,62 @@ pub struct Taps {
     pub index: [usize; 3],
     /// Which of the three is the voxel itself.
     pub center: usize,
-    /// Weights of the first derivative, per L_min.
-    pub first: [f32; 3],
-    /// Weights of the second derivative, per L_min squared.
-    pub second: [f32; 3],
+    /// What they weigh.
+    pub weights: Weights<f32>,
 }
 
-impl Taps {
-    /// Whether the first derivative is the difference of the samples on both sides, as it is everywhere but at the ends.
+/// Weights of three samples, of one voxel or in every lane of a vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights<V> {
+    /// Of the first derivative, per L_min.
+    first: [V; 3],
+    /// Whether that is the difference of the samples on both sides, as it is everywhere but at the ends.
+    pub is_central: bool,
+    /// Of the second difference, per L_min squared.
+    second: V,
+}
+
+/// What is weighed: a number, or as many as a vector holds.
+pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+
+impl<V: Copy + Add<Output = V> + Sub<Output = V> + Mul<Output = V>> Number for V {}
+
+impl<V: Number> Weights<V> {
+    /// The first derivative. Mirroring the axis changes nothing but its sign.
     #[inline(always)]
     #[must_use]
-    pub fn is_central(&self) -> bool {
-        self.center == 1 && self.first[1] == 0.0
+    pub fn first(&self, [a, b, c]: [V; 3]) -> V {
+        let [low, middle, high] = self.first;
+        if self.is_central { high * (c - a) } else { (low * a + high * c) + middle * b }
+    }
+
+    /// The same weights, known to be central when compiled, so that what weighs nothing is left out.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) fn known_central(self) -> Self {
+        debug_assert!(self.is_central, "central weights");
+        Self { is_central: true, ..self }
+    }
+
+    /// The second derivative. Mirroring the axis changes nothing.
+    #[inline(always)]
+    #[must_use]
+    pub fn second(&self, [a, b, c]: [V; 3]) -> V {
+        self.second * ((a + c) - (b + b))
+    }
+}
+
+impl Weights<f32> {
+    /// The same weights in every lane.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) fn splat<S: Simd>(&self, simd: S) -> Weights<S::f32s> {
+        let [low, middle, high] = self.first;
+        Weights {
+            first: [S::f32s::splat(simd, low), S::f32s::splat(simd, middle), S::f32s::splat(simd, high)],
+            is_central: self.is_central,
+            second: S::f32s::splat(simd, self.second),
+        }
     }
 }
 
@@ -43,18 +91,13 @@ impl AxisStencil {
         let per_area = per_length * per_length;
         let scaled = |weights: [f32; 3], factor: f32| weights.map(|weight| weight * factor);
         match len {
-            0 | 1 => Self { len, first_border: [0.0; 3], first_inside: [0.0; 3], second: [0.0; 3] },
-            2 => Self {
-                len,
-                first_border: scaled([-1.0, 1.0, 0.0], per_length),
-                first_inside: [0.0; 3],
-                second: [0.0; 3],
-            },
+            0 | 1 => Self { len, first_border: [0.0; 3], first_inside: [0.0; 3], second: 0.0 },
+            2 => Self { len, first_border: scaled([-1.0, 1.0, 0.0], per_length), first_inside: [0.0; 3], second: 0.0 },
             _ => Self {
                 len,
                 first_border: scaled([-1.5, 2.0, -0.5], per_length),
                 first_inside: scaled([-0.5, 0.0, 0.5], per_length),
-                second: scaled([1.0, -2.0, 1.0], per_area),
+                second: per_area,
             },
         }
     }
@@ -65,27 +108,21 @@ impl AxisStencil {
         let last = self.len - 1;
         let start = index.saturating_sub(1).min(last.saturating_sub(2));
         let taps = [start, (start + 1).min(last), (start + 2).min(last)];
-        let first = if index == 0 {
-            self.first_border
-        } else if index < last {
+        let is_central = 0 < index && index < last;
+        let first = if is_central {
             self.first_inside
+        } else if index == 0 {
+            self.first_border
         } else {
             self.first_at_end()
         };
-        Taps { index: taps, center: index - start, first, second: self.second }
+        Taps { index: taps, center: index - start, weights: Weights { first, is_central, second: self.second } }
     }
 
     fn first_at_end(&self) -> [f32; 3] {
         let [near, middle, far] = self.first_border;
         if self.len == 2 { self.first_border } else { [-far, -middle, -near] }
     }
-}
-
-/// `Σ weight · sample`, the outer two first, so that mirroring the axis changes no bit.
-#[inline(always)]
-#[must_use]
-pub fn weighted_sum(weights: [f32; 3], samples: [f32; 3]) -> f32 {
-    (weights[0] * samples[0] + weights[2] * samples[2]) + weights[1] * samples[1]
 }
 
 #[cfg(test)]
@@ -99,7 +136,7 @@ mod tests {
                 let taps = stencil.taps(index);
                 assert_eq!(taps.index[taps.center], index);
                 let values = taps.index.map(|tap| samples[tap]);
-                (weighted_sum(taps.first, values), weighted_sum(taps.second, values))
+                (taps.weights.first(values), taps.weights.second(values))
             })
             .collect()
     }
