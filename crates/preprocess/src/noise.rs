@@ -63,19 +63,19 @@ pub fn noise_sigma_of_slabs(
 #[must_use]
 pub fn smoothed_noise_sigma(fields: &[&WorkingField], sigmas: &[f32]) -> f32 {
     let Some(field) = fields.first() else { return 0.0 };
-    residual_sigma(fields, WIDE) / WideMasks::new(field.dims()).gain_of_gaussians(field.spacing, sigmas)
+    residual_sigma(fields, WIDE) / VoxelMasks::new(field.dims(), WIDE).gain_of_gaussians(field.spacing, sigmas)
 }
 
-/// The wider masks at single voxels.
-pub(crate) struct WideMasks {
+/// Masks with samples `spread` voxels apart, at single voxels.
+pub(crate) struct VoxelMasks {
     masks: Masks,
     dims: [usize; 3],
     strides: Vec<usize>,
 }
 
-impl WideMasks {
-    pub(crate) fn new(dims: [usize; 3]) -> Self {
-        let masks = Masks::new(dims, WIDE);
+impl VoxelMasks {
+    pub(crate) fn new(dims: [usize; 3], spread: usize) -> Self {
+        let masks = Masks::new(dims, spread);
         let strides = masks.strides(dims);
         Self { masks, dims, strides }
     }
@@ -100,22 +100,22 @@ impl WideMasks {
     /// That over the one without Gaussians.
     fn gain_of_gaussians(&self, spacing: [f32; 3], sigmas: &[f32]) -> f32 {
         let along = |axis: usize| self.masks.axes.iter().filter(|&&mask| mask == axis).count();
-        let gain = |axis: usize| response(sigmas, spacing[axis], along(axis));
+        let gain = |axis: usize| response(sigmas, spacing[axis], self.masks.spread, along(axis));
         (0..3).filter(|&axis| self.dims[axis] > 1).map(gain).product::<f32>()
     }
 }
 
-/// The norm of Gaussians and wide masks along an axis over that of the masks alone.
-fn response(sigmas: &[f32], spacing: f32, masks: usize) -> f32 {
+/// The norm of Gaussians and masks along an axis over that of the masks alone.
+fn response(sigmas: &[f32], spacing: f32, spread: usize, masks: usize) -> f32 {
     let radii = sigmas.iter().map(|&sigma| radius_of(sigma, [spacing; 3]));
-    let middle = radii.sum::<usize>() + 2 * WIDE * masks;
+    let middle = radii.sum::<usize>() + 2 * spread * masks;
     let mut line = Field::zeros((1, 1, 2 * middle + 1));
     line[[0, 0, middle]] = 1.0;
     for &sigma in sigmas {
         line = gaussian(&line, [spacing; 3], sigma, radius_of(sigma, [spacing; 3]));
     }
-    let strides = vec![WIDE; masks];
-    let inner = WIDE * masks..2 * middle + 1 - WIDE * masks;
+    let strides = vec![spread; masks];
+    let inner = spread * masks..2 * middle + 1 - spread * masks;
     let squares: f32 = inner.map(|at| residual(voxels(&line), at, &strides).powi(2)).sum();
     (squares / squared_weights(masks)).sqrt()
 }

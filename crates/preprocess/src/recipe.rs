@@ -145,8 +145,8 @@ impl<'a> Recipe<'a> {
                 watch.lap("noise by value");
             }
         }
-        let noisy_values = value_noise
-            .noisy_values(|value| f64::from(value) * scaling.value_scale() + scaling.value_offset());
+        let noisy_values =
+            value_noise.noisy_values(|value| f64::from(value) * scaling.value_scale() + scaling.value_offset());
         let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, scaling.spacing(), dims, left)?;
         let floor = GradientFloor::new(gradient_noise, value_noise, settings.noise_floor as f32);
         Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, noisy_values, floor, whole })

@@ -8,13 +8,13 @@ use serde::Serialize;
 
 use crate::Result;
 use crate::differentiation::differentiate;
-use crate::noise::{NORMAL_MEDIAN, WideMasks};
+use crate::noise::{NORMAL_MEDIAN, VoxelMasks};
 use crate::noise_gain::GradientNoise;
 use crate::settings::Settings;
 use crate::working_field::{WorkingField, voxels};
 
 /// Bins of equal width between the smallest and the largest value.
-const BINS: usize = 64;
+const BINS: usize = 256;
 /// Voxels that a bin must have: the quartile of so many gradients is right to 3 %.
 const LEAST_VOXELS: usize = 1 << 10;
 /// The shares of a bin's gradients that are compared with those of noise: the lower ones, because edges are steep.
@@ -24,9 +24,12 @@ const SHARES: [f64; 3] = [0.1, 0.25, 0.5];
 const QUANTILES: [[f32; 3]; 3] = [[0.1257, 0.3186, 0.6745], [0.4590, 0.7585, 1.1774], [0.7644, 1.1012, 1.5382]];
 /// No more than by this factor do the deviations differ that the three quantiles of noise speak of.
 const MOST_SPREAD: f32 = 1.2;
-/// Nor is the gradient's noise a larger multiple of what the masks for noise leave. Of white noise it is 1 and of an engine's
-/// metal 2.2; smooth signals, which have the gradients of noise too, leave next to nothing in the masks.
-const MOST_SMOOTHNESS: f32 = 2.3;
+/// How far apart, in voxels, the samples of the masks are by which noise is told from signals that are smooth: as far as
+/// resolved boundaries are from one another at least, and noise is not alike.
+const SPREAD: usize = 3;
+/// No more than by this factor is the gradient's noise stronger than those masks show it to be. In the noise of an engine's metal
+/// and air it is 1.0 to 1.2, in a brain's tissue, which has the gradients of noise too, 1.4 and more, in a tooth's 2.1.
+const MOST_SMOOTHNESS: f32 = 1.3;
 /// Smaller factors are taken for 1: by so much estimates differ where there is nothing to be found.
 const LEAST_FACTOR: f32 = 1.25;
 
@@ -93,6 +96,7 @@ impl ValueNoise {
             for (factor, bin) in found.factors.iter_mut().zip(&mut bins) {
                 *factor = factor_of(bin, QUANTILES[components - 1]);
             }
+            found.factors = without_single_bins(found.factors);
         }
         Ok(found)
     }
@@ -114,7 +118,9 @@ impl ValueNoise {
     pub fn noisy_values(&self, physical: impl Fn(f32) -> f64) -> Vec<NoisyValues> {
         let end = |bin: usize| physical(self.low + bin as f32 / self.bins_per_value);
         let noisy = self.factors.iter().enumerate().filter(|(_, factor)| **factor > 1.0);
-        noisy.map(|(bin, &factor)| NoisyValues { from: end(bin), to: end(bin + 1), factor: f64::from(factor) }).collect()
+        noisy
+            .map(|(bin, &factor)| NoisyValues { from: end(bin), to: end(bin + 1), factor: f64::from(factor) })
+            .collect()
     }
 
     /// What every voxel says of the noise, but for those with no gradient or nothing left by the masks: padding.
@@ -130,7 +136,7 @@ impl ValueNoise {
         let gradients = voxels(&derivatives.gradient_magnitude);
         let values = voxels(&field.values);
         let gradient_noise = GradientNoise::new(settings.kernel, sigmas, field.spacing, dims, noise)?;
-        let masks = WideMasks::new(dims);
+        let masks = VoxelMasks::new(dims, SPREAD);
         // The masks see the field that is differentiated, with the Gaussian that may be part of the kernel.
         let smoothed: Vec<f32> = sigmas.iter().copied().chain(settings.kernel.sigma()).collect();
         let per_noise = (noise * masks.gain(field.spacing, &smoothed)).recip();
@@ -177,7 +183,23 @@ fn factor_of(bin: &mut [[f32; 2]], quantiles: [f32; 3]) -> f32 {
     let (_, &mut [_, residual], _) = bin[..half].select_nth_unstable_by(half / 2, |a, b| a[1].total_cmp(&b[1]));
     let left_by_masks = residual / NORMAL_MEDIAN;
     let factor = deviations[1];
+    if std::env::var_os("STUDY").is_some() {
+        eprintln!(
+            "n {} spread {:.2} s {:.2} res {:.2} ratio {:.2}",
+            bin.len(),
+            most / least,
+            factor,
+            left_by_masks,
+            factor / left_by_masks
+        );
+    }
     let is_noise = most <= MOST_SPREAD * least && factor <= MOST_SMOOTHNESS * left_by_masks;
     let is_stronger = factor.min(left_by_masks) >= LEAST_FACTOR;
     if is_noise && is_stronger { factor } else { 1.0 }
+}
+
+/// Noise spreads over more than one bin: where neither neighbour has it, a bin is that of an edge's foot.
+fn without_single_bins(factors: [f32; BINS]) -> [f32; BINS] {
+    let is_noisy = |bin: usize| factors.get(bin).is_some_and(|factor| *factor > 1.0);
+    std::array::from_fn(|bin| if is_noisy(bin.wrapping_sub(1)) || is_noisy(bin + 1) { factors[bin] } else { 1.0 })
 }
