@@ -24,6 +24,8 @@ const SHARES: [f64; 3] = [0.1, 0.25, 0.5];
 const QUANTILES: [[f32; 3]; 3] = [[0.1257, 0.3186, 0.6745], [0.4590, 0.7585, 1.1774], [0.7644, 1.1012, 1.5382]];
 /// No more than by this factor do the deviations differ that the three quantiles of noise speak of.
 const MOST_SPREAD: f32 = 1.2;
+/// Nor is a larger share of a bin's gradients equal to their quartile.
+const MOST_EQUAL: f64 = 0.01;
 /// How far apart, in voxels, the samples of the masks are by which noise is told from signals that are smooth: as far as
 /// resolved boundaries are from one another at least, and noise is not alike.
 const SPREAD: usize = 3;
@@ -178,21 +180,17 @@ fn factor_of(bin: &mut [[f32; 2]], quantiles: [f32; 3]) -> f32 {
     });
     let [least, most] =
         [deviations.into_iter().fold(f32::INFINITY, f32::min), deviations.into_iter().fold(0.0, f32::max)];
+    // Of values rounded as coarsely as they are noisy gradients are few numbers, and quantiles say nothing.
+    let quartile = deviations[1] * quantiles[1];
+    let equal = bin.iter().filter(|[gradient, _]| (gradient - quartile).abs() <= 1e-5 * quartile).count();
+    if equal as f64 > MOST_EQUAL * bin.len() as f64 {
+        return 1.0;
+    }
     // By now the lower half of the gradients is in front.
     let half = bin.len() / 2;
     let (_, &mut [_, residual], _) = bin[..half].select_nth_unstable_by(half / 2, |a, b| a[1].total_cmp(&b[1]));
     let left_by_masks = residual / NORMAL_MEDIAN;
     let factor = deviations[1];
-    if std::env::var_os("STUDY").is_some() {
-        eprintln!(
-            "n {} spread {:.2} s {:.2} res {:.2} ratio {:.2}",
-            bin.len(),
-            most / least,
-            factor,
-            left_by_masks,
-            factor / left_by_masks
-        );
-    }
     let is_noise = most <= MOST_SPREAD * least && factor <= MOST_SMOOTHNESS * left_by_masks;
     let is_stronger = factor.min(left_by_masks) >= LEAST_FACTOR;
     if is_noise && is_stronger { factor } else { 1.0 }
