@@ -15,6 +15,7 @@ use crate::reconstruction::Reconstruction;
 use crate::region::Region;
 use crate::settings::{Automatic, Method, Settings, Smoothing, SmoothingSettings};
 use crate::smoothing::sigma_on_noise;
+use crate::value_noise::ValueNoise;
 use crate::working_field::WorkingField;
 use crate::zero_crossing::CellDistances;
 
@@ -189,7 +190,8 @@ fn look_for_edges(field: &WorkingField, noise: f32, edges: &mut Edges) -> Result
     let settings = Settings { d_max: 4.0, ..Settings::new(Method::Fast) };
     let noise = noise.max(smoothed_noise_sigma(&[&smooth], &[MEASURING_SIGMA]));
     let gradient_noise = GradientNoise::new(kernel, &[MEASURING_SIGMA], field.spacing, field.dims(), noise)?;
-    let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
+    // Where noise is stronger, noisy edges are weak ones too, and only the stronger half is judged by.
+    let floor = GradientFloor::new(gradient_noise, ValueNoise::EVEN, settings.noise_floor as f32);
     let gradient = Gradient::new(&smooth, &source);
     let tracer = Tracer::new(&smooth, &derivatives, &cells, gradient, None, &floor, &settings);
     let spline = Evaluator::new(coefficients, field.spacing);

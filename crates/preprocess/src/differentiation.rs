@@ -42,6 +42,12 @@ impl Kernel {
             Self::QuinticSpline | Self::Gaussian(_) => Some(Degree::Quintic),
         }
     }
+
+    /// σ of the Gaussian that is part of the kernel, if there is one, in multiples of L_min.
+    #[must_use]
+    pub const fn sigma(self) -> Option<f32> {
+        if let Self::Gaussian(sigma) = self { Some(sigma as f32) } else { None }
+    }
 }
 
 impl fmt::Display for Kernel {

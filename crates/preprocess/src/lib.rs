@@ -56,6 +56,7 @@ pub mod source;
 pub mod stencil;
 pub mod summary;
 pub mod usage;
+pub mod value_noise;
 pub mod working_field;
 pub mod zero_crossing;
 

@@ -1,5 +1,7 @@
 //! How noisy the value field is.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::Result;
@@ -9,6 +11,9 @@ use crate::working_field::{Field, WorkingField, voxels};
 
 /// Residuals that are looked at: enough for the median to be right to 0.2 %.
 const MOST_RESIDUALS: usize = 1 << 20;
+
+/// The median magnitude of normal numbers of deviation 1.
+pub(crate) const NORMAL_MEDIAN: f32 = 0.6745;
 
 /// How far apart, in voxels, the samples of the wider mask lie. Twice the mask's spacing makes it most sensitive at half of
 /// the sampling's highest frequency, where central differences are.
@@ -58,24 +63,59 @@ pub fn noise_sigma_of_slabs(
 #[must_use]
 pub fn smoothed_noise_sigma(fields: &[&WorkingField], sigmas: &[f32]) -> f32 {
     let Some(field) = fields.first() else { return 0.0 };
-    let Masks { axes, .. } = Masks::new(field.dims(), WIDE);
-    let along = |axis: usize| axes.iter().filter(|&&mask| mask == axis).count();
-    let gain = |axis: usize| response(sigmas, field.spacing[axis], along(axis));
-    let smoothed = (0..3).filter(|&axis| field.dims()[axis] > 1).map(gain).product::<f32>();
-    residual_sigma(fields, WIDE) / smoothed
+    residual_sigma(fields, WIDE) / VoxelMasks::new(field.dims(), WIDE).gain_of_gaussians(field.spacing, sigmas)
 }
 
-/// The norm of Gaussians and wide masks along an axis over that of the masks alone.
-fn response(sigmas: &[f32], spacing: f32, masks: usize) -> f32 {
+/// Masks with samples `spread` voxels apart, at single voxels.
+pub(crate) struct VoxelMasks {
+    masks: Masks,
+    dims: [usize; 3],
+    strides: Vec<usize>,
+}
+
+impl VoxelMasks {
+    pub(crate) fn new(dims: [usize; 3], spread: usize) -> Self {
+        let masks = Masks::new(dims, spread);
+        let strides = masks.strides(dims);
+        Self { masks, dims, strides }
+    }
+
+    /// The places along an axis that they can be applied at: none where the volume is too small for any.
+    pub(crate) fn inner(&self, axis: usize) -> Range<usize> {
+        let reach = self.masks.reach[axis];
+        if self.strides.is_empty() { 0..0 } else { reach..self.dims[axis] - reach }
+    }
+
+    /// What they leave around a voxel.
+    #[inline]
+    pub(crate) fn residual(&self, source: &[f32], voxel: usize) -> f32 {
+        residual(source, voxel, &self.strides).abs()
+    }
+
+    /// The deviation of what they leave of white noise of deviation 1 after Gaussians of the given σ.
+    pub(crate) fn gain(&self, spacing: [f32; 3], sigmas: &[f32]) -> f32 {
+        self.masks.gain() * self.gain_of_gaussians(spacing, sigmas)
+    }
+
+    /// That over the one without Gaussians.
+    fn gain_of_gaussians(&self, spacing: [f32; 3], sigmas: &[f32]) -> f32 {
+        let along = |axis: usize| self.masks.axes.iter().filter(|&&mask| mask == axis).count();
+        let gain = |axis: usize| response(sigmas, spacing[axis], self.masks.spread, along(axis));
+        (0..3).filter(|&axis| self.dims[axis] > 1).map(gain).product::<f32>()
+    }
+}
+
+/// The norm of Gaussians and masks along an axis over that of the masks alone.
+fn response(sigmas: &[f32], spacing: f32, spread: usize, masks: usize) -> f32 {
     let radii = sigmas.iter().map(|&sigma| radius_of(sigma, [spacing; 3]));
-    let middle = radii.sum::<usize>() + 2 * WIDE * masks;
+    let middle = radii.sum::<usize>() + 2 * spread * masks;
     let mut line = Field::zeros((1, 1, 2 * middle + 1));
     line[[0, 0, middle]] = 1.0;
     for &sigma in sigmas {
         line = gaussian(&line, [spacing; 3], sigma, radius_of(sigma, [spacing; 3]));
     }
-    let strides = vec![WIDE; masks];
-    let inner = WIDE * masks..2 * middle + 1 - WIDE * masks;
+    let strides = vec![spread; masks];
+    let inner = spread * masks..2 * middle + 1 - spread * masks;
     let squares: f32 = inner.map(|at| residual(voxels(&line), at, &strides).powi(2)).sum();
     (squares / squared_weights(masks)).sqrt()
 }
@@ -143,7 +183,7 @@ impl Masks {
             return;
         }
         let source = voxels(&field.values);
-        let strides: Vec<usize> = self.axes.iter().map(|&axis| [1, nx, nx * ny][axis] * self.spread).collect();
+        let strides = self.strides(dims);
         let (along_x, along_y) = (self.inner(0, dims, stride), self.inner(1, dims, stride));
         residuals.par_extend(
             slices
@@ -167,8 +207,17 @@ impl Masks {
         residuals.truncate(half + 1);
         let middle = residuals.len() / 2;
         let (_, &mut [_, median], _) = residuals.select_nth_unstable_by(middle, |a, b| a[1].total_cmp(&b[1]));
-        let squares = self.reach.map(|reach| squared_weights(reach / self.spread)).iter().product::<f32>();
-        median / 0.6745 / squares.sqrt()
+        median / NORMAL_MEDIAN / self.gain()
+    }
+
+    /// The norm of all masks.
+    fn gain(&self) -> f32 {
+        self.reach.map(|reach| squared_weights(reach / self.spread)).iter().product::<f32>().sqrt()
+    }
+
+    /// What leads to the next sample of each mask.
+    fn strides(&self, [nx, ny, _]: [usize; 3]) -> Vec<usize> {
+        self.axes.iter().map(|&axis| [1, nx, nx * ny][axis] * self.spread).collect()
     }
 }
 

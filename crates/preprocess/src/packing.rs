@@ -280,7 +280,7 @@ impl Packing<'_, '_> {
     /// What shaped the result; skipping, memory and threads do not.
     #[must_use]
     pub fn parameters(&self) -> Vec<Parameter> {
-        let Recipe { source, settings, choice, noise, range_sigmas, scaling, .. } = self.0;
+        let Recipe { source, settings, choice, noise, noisy_values, range_sigmas, scaling, .. } = self.0;
         let Settings { method, smoothing, kernel, reconstruction, climb, step, d_max, noise_floor, .. } = settings;
         let mut parameters = vec![
             ("method", method.to_string()),
@@ -294,6 +294,10 @@ impl Packing<'_, '_> {
             ("noise", format!("{:.6e} (estimated)", f64::from(*noise) * scaling.value_scale())),
             ("noise-floor", format!("{noise_floor} times the gradient noise")),
         ];
+        if !noisy_values.is_empty() {
+            let noisy: Vec<_> = noisy_values.iter().map(ToString::to_string).collect();
+            parameters.push(("gradient noise", noisy.join(", ")));
+        }
         if !source.read_with.is_empty() {
             parameters.push(("read with", source.read_with.to_owned()));
         }

@@ -158,6 +158,7 @@ fn run(
         seconds: watch.total(),
         stages: watch.into_stages(),
         noise_share: f64::from(recipe.noise / (high - low).abs().max(f32::MIN_POSITIVE)),
+        noise_by_value: recipe.noisy_values.clone(),
         range_sigma: recipe.range_sigmas.shares.clone(),
         warning: recipe
             .under_sampling(outcome.summary.edges.as_ref())

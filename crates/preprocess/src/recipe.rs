@@ -8,7 +8,7 @@ use crate::automatic::{Choice, LEAST_BLUR, choose};
 use crate::blur::Edges;
 use crate::boundary::{GRADIENT_FLOOR, GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate, spline_through};
+use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
 use crate::directional_derivative::Derivatives;
 use crate::gaussian::{gaussian, radius_of};
 use crate::noise::{noise_sigma, noise_sigma_of_slabs, smoothed_noise_sigma};
@@ -23,6 +23,7 @@ use crate::scan::Scan;
 use crate::settings::{Automatic, Settings, Smoothing};
 use crate::smoothing::{Extent, RangeSigmas, sigma_on_noise, smooth_derivatives, smooth_value};
 use crate::source::Source;
+use crate::value_noise::{NoisyValues, ValueNoise};
 use crate::working_field::{Scaling, WorkingField, voxels};
 use crate::zero_crossing::CellDistances;
 use crate::{Result, reach};
@@ -55,6 +56,8 @@ pub struct Recipe<'a> {
     pub range_sigmas: RangeSigmas,
     /// From stored numbers to working ones.
     pub scaling: Scaling,
+    /// Values whose noise is stronger than that.
+    pub noisy_values: Vec<NoisyValues>,
     floor: GradientFloor,
     /// The field of the whole volume, until a block takes it.
     whole: Option<WorkingField>,
@@ -127,18 +130,26 @@ impl<'a> Recipe<'a> {
         let volume = Extent { dims, spacing: scaling.spacing() };
         let value_range = scan.range.map(|end| scaling.working(end));
         let mut range_sigmas = RangeSigmas::of_value(&settings.smoothing, volume, value_range);
-        let left = if settings.smoothing.placement == Smoothing::None && kernel_sigma(&settings).is_none() {
-            noise
-        } else {
-            let fields = sample(NOISE_VOXELS)?.into_iter().map(Cow::into_owned).collect();
-            let left = try_smoothing(&settings, fields, volume, noise, &mut range_sigmas)?;
-            watch.lap("noise left");
-            left
-        };
         let sigmas: Vec<f32> = sigma_on_noise(&settings.smoothing).into_iter().collect();
+        let is_smooth = settings.smoothing.placement != Smoothing::None || settings.kernel.sigma().is_some();
+        let is_noise_asked_for = settings.noise_floor > 0.0;
+        let (mut left, mut value_noise) = (noise, ValueNoise::EVEN);
+        if is_smooth || is_noise_asked_for {
+            let mut fields: Vec<_> = sample(NOISE_VOXELS)?.into_iter().map(Cow::into_owned).collect();
+            if is_smooth {
+                left = try_smoothing(&settings, &mut fields, volume, noise, &mut range_sigmas)?;
+                watch.lap("noise left");
+            }
+            if is_noise_asked_for {
+                value_noise = ValueNoise::find(&mut fields, &settings, &sigmas, left, value_range)?;
+                watch.lap("noise by value");
+            }
+        }
+        let noisy_values =
+            value_noise.noisy_values(|value| f64::from(value) * scaling.value_scale() + scaling.value_offset());
         let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, scaling.spacing(), dims, left)?;
-        let floor = GradientFloor::new(gradient_noise, settings.noise_floor as f32);
-        Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, floor, whole })
+        let floor = GradientFloor::new(gradient_noise, value_noise, settings.noise_floor as f32);
+        Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, noisy_values, floor, whole })
     }
 
     /// How many voxels away along each axis a voxel's role depends on the volume.
@@ -246,16 +257,11 @@ impl<'a> Recipe<'a> {
     }
 }
 
-/// σ of the Gaussian that is part of the kernel, if there is one.
-fn kernel_sigma(settings: &Settings) -> Option<f32> {
-    if let Kernel::Gaussian(sigma) = settings.kernel { Some(sigma as f32) } else { None }
-}
-
-/// Smooths parts of a volume, to see what ranges its derivatives have, where those are filtered, and how much noise was there
-/// judging by what is left of it.
+/// Smooths the value of parts of a volume, to see what ranges its derivatives have, where those are filtered, and how much
+/// noise was there judging by what is left of it.
 fn try_smoothing(
     settings: &Settings,
-    mut fields: Vec<WorkingField>,
+    fields: &mut [WorkingField],
     volume: Extent,
     noise: f32,
     range_sigmas: &mut RangeSigmas,
@@ -265,7 +271,7 @@ fn try_smoothing(
     if smoothing.placement == Smoothing::BilateralDerivatives {
         let gain = NoiseGain::new(*kernel, &sigmas, volume.spacing)?;
         let mut ranges = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
-        for field in &fields {
+        for field in &*fields {
             let (derivatives, _) = differentiate(&mut field.clone(), *kernel, *operator)?;
             for (sum, [low, high]) in ranges.iter_mut().zip(derivatives.ranges()) {
                 *sum = [sum[0].min(low), sum[1].max(high)];
@@ -273,18 +279,22 @@ fn try_smoothing(
         }
         *range_sigmas = RangeSigmas::of_derivatives(smoothing, volume, ranges, noise, gain);
     }
-    let smoothed: Vec<f32> = sigmas.into_iter().chain(kernel_sigma(settings)).collect();
+    let smoothed: Vec<f32> = sigmas.into_iter().chain(kernel.sigma()).collect();
     if smoothed.is_empty() {
         return Ok(noise);
     }
-    for field in &mut fields {
+    for field in &mut *fields {
         smooth_value(field, [0; 3], smoothing, &mut range_sigmas.clone());
-        if let Some(sigma) = kernel_sigma(settings) {
-            field.values = gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing));
-        }
     }
     // What noise is left is seen best where it is left.
-    Ok(noise.max(smoothed_noise_sigma(&fields.iter().collect::<Vec<_>>(), &smoothed)))
+    let left = |fields: &[&WorkingField]| noise.max(smoothed_noise_sigma(fields, &smoothed));
+    let Some(sigma) = kernel.sigma() else { return Ok(left(&fields.iter().collect::<Vec<_>>())) };
+    let by_kernel = |field: &WorkingField| WorkingField {
+        values: gaussian(&field.values, field.spacing, sigma, radius_of(sigma, field.spacing)),
+        ..*field
+    };
+    let fields: Vec<_> = fields.iter().map(by_kernel).collect();
+    Ok(left(&fields.iter().collect::<Vec<_>>()))
 }
 
 /// The cells whose lowest corner is in a region.

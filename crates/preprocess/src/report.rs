@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::automatic::Choice;
 use crate::bilateral::RangeWeights;
+use crate::value_noise::NoisyValues;
 
 /// Time, work and outcome of a run. All but the seconds are the same for any number of threads.
 #[derive(Clone, Debug, Serialize)]
@@ -26,6 +27,9 @@ pub struct Report {
     pub seconds: f64,
     /// Estimated noise as a share of the value range.
     pub noise_share: f64,
+    /// Values whose noise is stronger than that; absent where none is found to be.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub noise_by_value: Vec<NoisyValues>,
     /// σr used, as a share of the filtered fields' ranges, by field; absent without a bilateral filter.
     pub range_sigma: Vec<FieldSigma>,
     /// What `--method auto` found and chose; absent where nothing was left to it.

@@ -151,7 +151,7 @@ impl Slice<'_> {
                 self.hit_value[voxel] = hit.value;
                 self.normal[voxel] = encode_normal(hit.normal);
                 totals.hits += 1;
-                totals.faint += u64::from(hit.gradient_magnitude < FAINT * tracer.least_gradient());
+                totals.faint += u64::from(hit.gradient_magnitude < FAINT * tracer.least_gradient(hit.value));
             }
         }
     }

@@ -95,7 +95,8 @@ pub struct Settings {
     pub step: f64,
     /// Length of a ray in multiples of L_min.
     pub d_max: f64,
-    /// Gradients up to this multiple of the estimated gradient noise are no boundary.
+    /// Gradients up to this multiple of the estimated gradient noise are no boundary; where some values are found to be noisier, of
+    /// theirs ([`crate::value_noise`]).
     pub noise_floor: f64,
     /// Whether gradient magnitude and second derivative are stored as layers of their own.
     pub keep_derivatives: bool,

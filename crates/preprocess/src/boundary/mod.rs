@@ -215,7 +215,7 @@ impl<'a> Tracer<'a> {
         if second.is_nan() {
             return Traced::Role(Role::Masked);
         }
-        let is_steep = self.gradient_magnitude[index] > self.floor.at(voxel);
+        let is_steep = self.gradient_magnitude[index] > self.floor.at(voxel, self.values[index]);
         let gradient = if is_steep { self.gradient.at(voxel) } else { Vec3::ZERO };
         let magnitude = gradient.length();
         if magnitude <= GRADIENT_FLOOR {
@@ -467,7 +467,7 @@ impl<'a> Tracer<'a> {
                 (t, self.sampler.place(up, t)?, found.gradient_magnitude, found.value)
             }
         };
-        (gradient_magnitude > self.floor.at(place.cell) && t.abs() <= self.d_max).then_some(BoundaryHit {
+        (gradient_magnitude > self.floor.at(place.cell, value) && t.abs() <= self.d_max).then_some(BoundaryHit {
             // A voxel from which the boundary lies upwards is on its low side.
             distance: -t,
             gradient_magnitude,
@@ -476,10 +476,10 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// What every boundary's gradient is above, in working units.
+    /// What the gradient of every boundary at such a value is above, in working units.
     #[inline(always)]
-    pub(crate) fn least_gradient(&self) -> f32 {
-        self.least_gradient
+    pub(crate) fn least_gradient(&self, value: f32) -> f32 {
+        self.floor.least_at(value)
     }
 
     /// The sampler of the fields.

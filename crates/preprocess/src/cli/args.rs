@@ -106,7 +106,8 @@ pub struct PrepareArgs {
     /// Length of a ray in multiples of the smallest spacing.
     #[arg(long, value_name = "F", default_value_t = 15.0)]
     pub dmax: f64,
-    /// Gradients up to this multiple of the estimated gradient noise are no boundary [default: 0 for paper, 4 for the others].
+    /// Gradients up to this multiple of the estimated gradient noise, which may depend on the value, are no boundary [default: 0 for
+    /// paper, 4 for the others].
     #[arg(long, value_name = "F")]
     pub noise_floor: Option<f64>,
     /// Store gradient magnitude and second derivative too.
