@@ -99,7 +99,7 @@ impl ValueNoise {
             for (factor, bin) in found.factors.iter_mut().zip(&mut bins) {
                 *factor = factor_of(bin, QUANTILES[components - 1]);
             }
-            found.factors = without_single_bins(found.factors);
+            found.factors = spread(without_single_bins(found.factors), noise * found.bins_per_value);
         }
         Ok(found)
     }
@@ -207,6 +207,21 @@ fn factor_of(bin: &mut [[f32; 2]], quantiles: [f32; 3]) -> f32 {
 fn without_single_bins(factors: [f32; BINS]) -> [f32; BINS] {
     let is_noisy = |bin: usize| factors.get(bin).is_some_and(|factor| *factor > 1.0);
     std::array::from_fn(|bin| if is_noisy(bin.wrapping_sub(1)) || is_noisy(bin + 1) { factors[bin] } else { 1.0 })
+}
+
+/// A noisy material's values lie around its own by as much as they are noisy: the bins that are nearer to a noisy one than one
+/// deviation are as noisy. Most of what has their values is that material; what is not, or its edge, hides that from
+/// [`factor_of`]. `deviation` is that of the volume's noise, in bins.
+fn spread(factors: [f32; BINS], deviation: f32) -> [f32; BINS] {
+    let mut spread = factors;
+    for (bin, &factor) in factors.iter().enumerate().filter(|(_, factor)| **factor > 1.0) {
+        let width = (factor * deviation).min(BINS as f32) as usize;
+        for near in &mut spread[bin.saturating_sub(width)..(bin + width + 1).min(BINS)] {
+            *near = near.max(factor);
+        }
+    }
+    // What a bin says of itself stands.
+    std::array::from_fn(|bin| if factors[bin] > 1.0 { factors[bin] } else { spread[bin] })
 }
 
 #[cfg(test)]
@@ -346,6 +361,18 @@ mod tests {
         assert_eq!([-9.0, -0.5, 0.0, 0.5, 9.0].map(|value| noise.at(value)), [2.0, 2.0, 1.0, 3.0, 3.0]);
         assert!(noise.at(f32::NAN) >= 1.0);
         assert_eq!(ValueNoise::EVEN.at(0.3), 1.0);
+    }
+
+    #[test]
+    fn noisy_values_reach_as_far_as_they_are_noisy() {
+        let mut factors = [1.0; BINS];
+        (factors[100], factors[101], factors[BINS - 1]) = (2.0, 4.0, 3.0);
+        let spread = spread(factors, 0.8);
+        let noisy: Vec<_> = (0..BINS).filter(|bin| spread[*bin] > 1.0).map(|bin| (bin, spread[bin])).collect();
+        let expected = [(98, 4.0), (99, 4.0), (100, 2.0), (101, 4.0), (102, 4.0), (103, 4.0), (104, 4.0)];
+        assert_eq!(noisy[..7], expected);
+        assert_eq!(noisy[7..], [(BINS - 3, 3.0), (BINS - 2, 3.0), (BINS - 1, 3.0)]);
+        assert_eq!(super::spread([1.0; BINS], 9.0), [1.0; BINS]);
     }
 
     #[test]
