@@ -220,8 +220,12 @@ pub fn table(tasks: &[Task], outcomes: &[Outcome]) -> String {
     let Tally { prepared, skipped, failed } = Tally::new(outcomes);
     let there = if skipped > 0 { format!("{skipped} there already, ") } else { String::new() };
     // Writing to a string does not fail.
-    let _ = writeln!(text, "{} volumes: {prepared} prepared, {there}{failed} failed", tasks.len());
+    let _ = writeln!(text, "{}: {prepared} prepared, {there}{failed} failed", volumes(tasks));
     text
+}
+
+fn volumes(tasks: &[Task]) -> String {
+    if tasks.len() == 1 { "1 volume".into() } else { format!("{} volumes", tasks.len()) }
 }
 
 /// The columns behind a task's name.
@@ -280,7 +284,7 @@ pub fn table_so_far() -> Option<String> {
     let SoFar { tasks, columns } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
     let mut text = lines(tasks, columns.iter().cloned());
     let done = columns.iter().flatten().count();
-    let _ = writeln!(text, "{} volumes: {done} done, {} not", tasks.len(), tasks.len() - done);
+    let _ = writeln!(text, "{}: {done} done, {} not", volumes(tasks), tasks.len() - done);
     Some(text)
 }
 

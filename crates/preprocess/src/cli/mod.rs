@@ -45,6 +45,7 @@ pub fn say_interrupted() {
     if let Some(table) = batch::table_so_far() {
         // Whatever standard output is, the program ends.
         let _ = print(&table);
+        terminal::say_last("the same command with --skip-existing leaves out the volumes that are done");
     }
     let kept = voxrole_pack::unfinished::kept();
     if kept.is_empty() {
