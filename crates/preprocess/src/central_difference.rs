@@ -358,7 +358,6 @@ mod tests {
 
     use super::*;
     use crate::Grid;
-    use crate::working_field::Field;
 
     fn field(dims: [u32; 3], spacing: [f64; 3], values: Vec<f32>) -> WorkingField {
         let geometry = GridGeometry::axis_aligned(dims, spacing);
@@ -471,12 +470,17 @@ mod tests {
 
     #[test]
     fn one_bad_voxel_masks_its_stencil_and_nothing_else() {
-        let mut values: Vec<f32> = (0..7 * 7 * 7).map(|i| (i % 11) as f32).collect();
-        values[(3 * 7 + 3) * 7 + 3] = f32::INFINITY;
-        let found = derivatives(&field([7; 3], [1.0; 3], values), EdgeOperator::SecondDerivative);
-        let masked = |field: &Field| voxels(field).iter().filter(|value| value.is_nan()).count();
-        assert_eq!(masked(&found.gradient_magnitude), 19);
-        assert_eq!(masked(&found.second_derivative), 19);
+        // A row of one vector, and a row of many.
+        for (nx, bad) in [(7, 3), (150, 64), (150, 79)] {
+            let mut values: Vec<f32> = (0..nx * 7 * 7).map(|i| (i % 11) as f32).collect();
+            values[(3 * 7 + 3) * nx + bad] = f32::INFINITY;
+            let found = derivatives(&field([nx as u32, 7, 7], [1.0; 3], values), EdgeOperator::SecondDerivative);
+            for field in [&found.gradient_magnitude, &found.second_derivative] {
+                let masked: Vec<usize> = (0..nx * 49).filter(|voxel| voxels(field)[*voxel].is_nan()).collect();
+                assert_eq!(masked.len(), 19, "{bad} of {nx}");
+                assert!(masked.iter().all(|voxel| (voxel % nx).abs_diff(bad) <= 1), "{bad} of {nx}: {masked:?}");
+            }
+        }
     }
 
     #[test]

@@ -267,19 +267,14 @@ mod tests {
 
     use super::*;
     use crate::Grid;
+    use crate::phantom::NoiseKind;
 
-    /// Nearly normal noise of deviation `sigma`: sums of eight uniform numbers, by a counter-based generator.
+    /// A signal under noise of deviation `sigma`.
     fn noisy(sigma: f32, dims: [u32; 3], signal: impl Fn(u32) -> f32) -> WorkingField {
         let count = dims.iter().product::<u32>();
-        let uniform = |counter: u64| {
-            let mut hash = counter.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            hash = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            hash = (hash ^ (hash >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((hash ^ (hash >> 31)) >> 40) as f32 / (1_u32 << 24) as f32 - 0.5
-        };
         let values = (0..count).map(|voxel| {
-            let sum: f32 = (0..8).map(|term| uniform(8 * u64::from(voxel) + term)).sum();
-            signal(voxel) + sigma * sum * 1.5_f32.sqrt()
+            let value = f64::from(signal(voxel));
+            NoiseKind::Gaussian.apply(value, f64::from(sigma), 1, u64::from(voxel)) as f32
         });
         let grid = Grid::new("n", GridGeometry::axis_aligned(dims, [1.0; 3]), Scalars::F32(values.collect()));
         WorkingField::new(&grid.expect("a grid")).expect("a field")

@@ -10,6 +10,7 @@ use crate::Result;
 use crate::differentiation::differentiate;
 use crate::noise::{NORMAL_MEDIAN, VoxelMasks};
 use crate::noise_gain::GradientNoise;
+use crate::plot::numbers::short_number;
 use crate::settings::Settings;
 use crate::working_field::{WorkingField, voxels};
 
@@ -58,7 +59,12 @@ pub struct NoisyValues {
 impl fmt::Display for NoisyValues {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { from, to, factors: [least, most] } = self;
-        write!(formatter, "{least:.2} to {most:.2} times as strong from {from:.6} to {to:.6}")
+        write!(
+            formatter,
+            "{least:.2} to {most:.2} times as strong from {} to {}",
+            short_number(*from),
+            short_number(*to)
+        )
     }
 }
 
@@ -232,19 +238,13 @@ mod tests {
     use crate::Grid;
     use crate::gaussian::gaussian;
     use crate::noise::noise_sigma;
+    use crate::phantom::NoiseKind;
     use crate::settings::Method;
     use crate::working_field::Field;
 
-    /// Independent normal numbers of deviation 1, by Box and Muller.
+    /// Independent normal numbers of deviation 1.
     fn normal(counter: u64) -> f32 {
-        let uniform = |counter: u64| {
-            let mut hash = counter.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            hash = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            hash = (hash ^ (hash >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((hash ^ (hash >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        let radius = (-2.0 * (1.0 - uniform(2 * counter)).ln()).sqrt();
-        (radius * libm::cos(std::f64::consts::TAU * uniform(2 * counter + 1))) as f32
+        NoiseKind::Gaussian.apply(0.0, 1.0, 1, counter) as f32
     }
 
     fn found(values: &Field, smoothing: Option<f32>) -> ValueNoise {

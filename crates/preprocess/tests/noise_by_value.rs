@@ -3,6 +3,7 @@
 use std::fs;
 
 use voxrole_pack::{GridGeometry, Scalars};
+use voxrole_preprocess::phantom::NoiseKind;
 use voxrole_preprocess::prepare::{compute_roles, prepare_source};
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::report::Stopwatch;
@@ -14,22 +15,12 @@ const DIMS: [usize; 3] = [96, 64, 64];
 /// Where the wall is along x.
 const WALL: f64 = 41.3;
 
-/// Independent nearly normal numbers of deviation 1: sums of twelve uniform ones.
-fn normal(seed: u64, voxel: usize) -> f64 {
-    let uniform = |counter: u64| {
-        let mut hash = counter.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        hash = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        hash = (hash ^ (hash >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((hash ^ (hash >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    (0..12).map(|term| uniform((seed << 40) + 12 * voxel as u64 + term)).sum::<f64>() - 6.0
-}
-
 /// A wall blurred by 1.2 voxels between two materials. The darker one's noise is white, the brighter one's three times as
 /// strong and smoothed along each axis by (1, 4, 1)/6.
 fn wall(seed: u64) -> Grid {
     let [nx, ny, nz] = DIMS;
-    let white: Vec<f64> = (0..nx * ny * nz).map(|voxel| normal(seed, voxel)).collect();
+    let white: Vec<f64> =
+        (0..nx * ny * nz).map(|voxel| NoiseKind::Gaussian.apply(0.0, 1.0, seed, voxel as u64)).collect();
     let mut smooth = white.clone();
     for (stride, len) in [(1, nx), (nx, ny), (nx * ny, nz)] {
         let before = smooth.clone();

@@ -34,8 +34,10 @@ impl NoiseKind {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// `value` with noise of deviation `sigma`, for voxel `index`.
-    pub(super) fn apply(self, value: f64, sigma: f64, seed: u64, index: u64) -> f64 {
+    /// `value` with noise of deviation `sigma`, for voxel `index`: the same number for the same seed and voxel, independent of
+    /// every other's.
+    #[must_use]
+    pub fn apply(self, value: f64, sigma: f64, seed: u64, index: u64) -> f64 {
         match self {
             Self::Gaussian => value + sigma * standard_normal(seed, index),
             Self::Rician => {
