@@ -123,6 +123,10 @@ fn what_is_there_can_be_left_alone() {
     assert_eq!(fs::metadata(workplace.path("out/a.vxr")).expect("there").modified().expect("a time"), before);
     let report = workplace.json("r.json");
     assert!(report[0]["skipped"] == true && report[1]["counts"]["voxels"] == 27000, "{report}");
+    // What a report has of a volume that is left out is kept.
+    workplace.succeed("prepare b.nrrd a.nrrd -o out --skip-existing --report r.json");
+    let again = workplace.json("r.json");
+    assert!(again[0] == report[1] && again[1] == report[0], "{again}");
     // One volume has one entry, skipped or not.
     workplace.succeed("prepare a.nrrd -o out --skip-existing --report one.json");
     assert_eq!(workplace.json("one.json")["skipped"], true);

@@ -80,8 +80,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub frames: Option<u32>,
     /// Pictures of an animation shown each second [default: 25].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=240))]
-    pub fps: Option<u16>,
+    #[arg(long, value_name = "N", value_parser = parse_per_second)]
+    pub fps: Option<f32>,
     /// Bits of a channel; 16 are drawn on the CPU.
     #[arg(long, value_enum, default_value = "8")]
     pub bits: Bits,
@@ -242,6 +242,10 @@ fn parse_size(text: &str) -> Result<ImageSize, String> {
 fn parse_step(text: &str) -> Result<f32, String> {
     let [low, high] = Frame::STEP_RANGE;
     text.parse().ok().filter(|step| (low..=high).contains(step)).ok_or_else(|| format!("not between {low} and {high}"))
+}
+
+fn parse_per_second(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|count| (1.0..=240.0).contains(count)).ok_or_else(|| "not between 1 and 240".to_owned())
 }
 
 fn parse_share(text: &str) -> Result<f32, String> {

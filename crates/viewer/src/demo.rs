@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use voxrole_pack::{HistogramKind, Reader};
 use voxrole_preprocess::console::print;
 use voxrole_preprocess::fields::Field;
@@ -30,6 +30,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let typed = arguments.raw.read_options().typed();
     let is_phantom = arguments.input.is_none();
     refuse_if(is_phantom && !typed.is_empty(), format!("the demo's own phantom is not read: leave {typed} out"))?;
+    ensure!(!folder.is_file(), "{}: is a file, and -o names a folder", folder.display());
     fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     let grid = match &arguments.input {
         Some(path) => read_volume(path, &arguments.raw.read_options())?,

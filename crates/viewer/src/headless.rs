@@ -26,7 +26,7 @@ use crate::usage::{check_render, check_view};
 use crate::volume::{VolumeDescription, VolumeTexels};
 
 /// Pictures of an animation shown each second, where nothing else is asked for.
-const PER_SECOND: u16 = 25;
+const PER_SECOND: f32 = 25.0;
 
 /// Draws what `arguments` ask for and writes it under its name when it is complete.
 ///
@@ -151,9 +151,10 @@ impl<'a> Outputs<'a> {
         let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();
         paths.extend(depth.iter().chain(save_session).cloned());
-        let mut inputs = vec![arguments.file.as_path()];
-        inputs.extend(arguments.view.session.as_deref());
         for (index, path) in paths.iter().enumerate() {
+            let mut inputs = vec![arguments.file.as_path()];
+            // A session that was read may be saved in its own place.
+            inputs.extend(arguments.view.session.as_deref().filter(|_| Some(path) != save_session.as_ref()));
             atomic_file::check_output(path, &inputs).with_context(|| format!("writing {}", path.display()))?;
             let is_taken = paths[..index].contains(path);
             refuse_if(is_taken, format!("{}: two outputs cannot be one file", path.display()))?;
@@ -254,7 +255,10 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// When it cannot be read or understood; the message names it.
 pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
-    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let bytes = fs::read(path).with_context(|| path.display().to_string())?;
+    let text = String::from_utf8(bytes).ok().with_context(|| {
+        format!("{}: is no session, which is text in TOML: --save-session and the window write one", path.display())
+    })?;
     let mut state = ViewState::from_toml(&text).with_context(|| path.display().to_string())?;
     // From where the session lies, wherever it is opened.
     for mesh in &mut state.scene.meshes {
@@ -303,7 +307,7 @@ fn take_volume(state: &mut ViewState, volume: SavedVolume) {
     state.volume = Some(volume);
 }
 
-/// Refuses a box that has nothing of a volume in it.
+/// Refuses a box that has nothing of a volume in it, and tells of one that reaches beyond it.
 fn check_crop(crop: &Crop, volume: &VolumeDescription) -> anyhow::Result<()> {
     for ((ends, dim), axis) in crop.ends.iter().zip(volume.dims).zip(["x", "y", "z"]) {
         let last = dim - 1;
@@ -313,6 +317,12 @@ fn check_crop(crop: &Crop, volume: &VolumeDescription) -> anyhow::Result<()> {
             ends[0] <= last as f32 + half && ends[1] >= -half,
             "`--crop {crop}` keeps nothing: along {axis} the volume has the voxels 0 to {last}"
         );
+        let is_beyond = |end: f32| end.is_finite() && (end < -half || end > last as f32 + half);
+        if ends.iter().any(|&end| is_beyond(end)) {
+            tell(format!(
+                "voxrole-view: `--crop {crop}` reaches beyond the volume: along {axis} it has the voxels 0 to {last}"
+            ));
+        }
     }
     Ok(())
 }

@@ -45,18 +45,21 @@ fn to_png(bytes: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Re
     Ok(png)
 }
 
-/// Pictures that follow each other, as an animated PNG that goes round and round; all are of one size.
+/// Pictures that follow each other, as an animated PNG that goes round and round; all are of one size. `per_second` is
+/// from 1 to 240.
 ///
 /// # Errors
 /// [`crate::Error::Animation`] when the encoder refuses, as for no pictures at all.
-pub fn to_apng(pictures: &[Picture], per_second: u16) -> Result<Vec<u8>> {
+pub fn to_apng(pictures: &[Picture], per_second: f32) -> Result<Vec<u8>> {
     let mut apng = Vec::new();
     let [width, height] = pictures.first().map_or([0; 2], |first| [first.width, first.height]);
     let mut encoder = png::Encoder::new(&mut apng, width, height);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_animated(pictures.len() as u32, 0)?;
-    encoder.set_frame_delay(1, per_second)?;
+    // A delay is a fraction of two short integers.
+    let (count, of) = if per_second.fract() == 0.0 { (1.0, per_second) } else { (10_000.0 / per_second, 10_000.0) };
+    encoder.set_frame_delay(count.round() as u16, of as u16)?;
     let mut writer = encoder.write_header()?;
     pictures.iter().try_for_each(|picture| writer.write_image_data(&picture.rgba))?;
     writer.finish()?;
@@ -162,7 +165,7 @@ mod tests {
     #[test]
     fn animations_hold_every_picture() {
         let picture = |value| Picture { width: 2, height: 1, rgba: vec![value; 8] };
-        let apng = to_apng(&[picture(1), picture(2), picture(3)], 25).expect("is encoded");
+        let apng = to_apng(&[picture(1), picture(2), picture(3)], 25.0).expect("is encoded");
         let mut reader = png::Decoder::new(std::io::Cursor::new(&apng)).read_info().expect("is a picture");
         assert_eq!(reader.info().animation_control().map(|control| control.num_frames), Some(3));
         for value in 1..=3 {
@@ -170,6 +173,6 @@ mod tests {
             reader.next_frame(&mut rgba).expect("a frame");
             assert_eq!(rgba, [value; 8]);
         }
-        assert!(to_apng(&[], 25).is_err());
+        assert!(to_apng(&[], 25.0).is_err());
     }
 }

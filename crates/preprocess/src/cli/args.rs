@@ -138,7 +138,8 @@ pub struct PrepareArgs {
     #[arg(long)]
     pub skip_existing: bool,
     /// Write seconds and counts of the run as JSON: an object, or with several volumes an array of one object each, which
-    /// is {"input", "error"} where a volume failed and {"input", "skipped"} where it was left out.
+    /// is {"input", "error"} where a volume failed, {"input", "skipped"} where it was left out and a report that is replaced
+    /// has nothing of it, and {"input", "interrupted"} where the command was interrupted before.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// How to tell on standard error how far it is [default: bar on a terminal, else lines].

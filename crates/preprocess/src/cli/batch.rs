@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, anyhow, ensure};
-use serde::Serialize;
+use serde_json::{Value, json};
 use voxrole_pack::prologue::MAGIC;
 use voxrole_preprocess::report::Report;
 use voxrole_preprocess::usage::{UsageError, refuse_if};
@@ -145,8 +145,8 @@ pub type Outcome = anyhow::Result<Done>;
 pub enum Done {
     /// The packed file was written.
     Prepared(Box<Report>),
-    /// The packed file was there already, and was to be left alone.
-    Skipped,
+    /// The packed file was there already, and was to be left alone; with what an earlier report has of it.
+    Skipped(Option<Value>),
 }
 
 impl Done {
@@ -154,14 +154,32 @@ impl Done {
     pub fn prepared(report: Report, task: &Task) -> Self {
         Self::Prepared(Box::new(Report { input: named(&task.input), ..report }))
     }
+}
 
-    /// What `--report` writes of the task.
-    pub fn entry(&self, task: &Task) -> Entry<'_> {
-        match self {
-            Self::Prepared(report) => Entry::Prepared(report),
-            Self::Skipped => Entry::Skipped { input: named(&task.input), skipped: true },
-        }
+/// What `--report` writes of a task: a report, of this run or of an earlier one, or the input and what came of it.
+pub fn entry(task: &Task, outcome: &Outcome) -> Value {
+    match outcome {
+        Ok(Done::Prepared(report)) => json!(report),
+        Ok(Done::Skipped(Some(before))) => before.clone(),
+        Ok(Done::Skipped(None)) => json!({ "input": named(&task.input), "skipped": true }),
+        Err(error) => json!({ "input": named(&task.input), "error": format!("{error:#}") }),
     }
+}
+
+/// What a report that is about to be replaced has of volumes that were prepared; nothing where it is none.
+pub fn reports_of(report: &Path) -> Vec<Value> {
+    let entries = fs::read(report).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let entries = match entries {
+        Some(Value::Array(entries)) => entries,
+        Some(entry) => vec![entry],
+        None => Vec::new(),
+    };
+    entries.into_iter().filter(|entry| entry.get("counts").is_some()).collect()
+}
+
+/// The one of them about a task's input.
+pub fn report_of(task: &Task, reports: &[Value]) -> Option<Value> {
+    reports.iter().find(|report| report["input"] == json!(named(&task.input))).cloned()
 }
 
 /// How many tasks came to which end.
@@ -177,7 +195,7 @@ impl Tally {
         let count = |is_it: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is_it(outcome)).count();
         Self {
             prepared: count(|outcome| matches!(outcome, Ok(Done::Prepared(_)))),
-            skipped: count(|outcome| matches!(outcome, Ok(Done::Skipped))),
+            skipped: count(|outcome| matches!(outcome, Ok(Done::Skipped(_)))),
             failed: count(Result::is_err),
         }
     }
@@ -237,7 +255,7 @@ fn columns_of(outcome: &Outcome) -> String {
             let voxels = counts.voxels;
             format!("{voxels:>12}  {share:>6.1}  {seconds:>9.2}  {file_bytes:>12}")
         }
-        Ok(Done::Skipped) => "was there already".to_owned(),
+        Ok(Done::Skipped(_)) => "was there already".to_owned(),
         Err(error) => format!("error: {}", one_line(&format!("{error:#}"))),
     }
 }
@@ -259,51 +277,45 @@ static SO_FAR: Mutex<Option<SoFar>> = Mutex::new(None);
 
 struct SoFar {
     tasks: Vec<Task>,
-    /// The columns of each that is done.
-    columns: Vec<Option<String>>,
+    report: Option<PathBuf>,
+    /// The columns of each that is done, and its entry.
+    done: Vec<Option<(String, Value)>>,
 }
 
-/// Takes note of the tasks of a run, none of which is done.
-pub fn begin(tasks: &[Task]) {
-    let (tasks, columns) = (tasks.to_vec(), vec![None; tasks.len()]);
-    *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(SoFar { tasks, columns });
+/// Takes note of the tasks of a run, none of which is done, and of the report that is to be written.
+pub fn begin(tasks: &[Task], report: Option<&Path>) {
+    let (done, report) = (vec![None; tasks.len()], report.map(Path::to_owned));
+    *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(SoFar { tasks: tasks.to_vec(), report, done });
 }
 
 /// Takes note of what came of a task.
 pub fn note(task: &Task, outcome: &Outcome) {
-    if let Some(SoFar { tasks, columns }) = &mut *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner)
+    if let Some(SoFar { tasks, done, .. }) = &mut *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner)
         && let Some(index) = tasks.iter().position(|of| of.output == task.output)
     {
-        columns[index] = Some(columns_of(outcome));
+        done[index] = Some((columns_of(outcome), entry(task, outcome)));
     }
 }
 
 /// The table of a run of several tasks that is not over.
 pub fn table_so_far() -> Option<String> {
     let so_far = SO_FAR.lock().unwrap_or_else(PoisonError::into_inner);
-    let SoFar { tasks, columns } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
-    let mut text = lines(tasks, columns.iter().cloned());
-    let done = columns.iter().flatten().count();
-    let _ = writeln!(text, "{}: {done} done, {} not", volumes(tasks), tasks.len() - done);
+    let SoFar { tasks, done, .. } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
+    let mut text = lines(tasks, done.iter().map(|done| done.as_ref().map(|(columns, _)| columns.clone())));
+    let count = done.iter().flatten().count();
+    let _ = writeln!(text, "{}: {count} done, {} not", volumes(tasks), tasks.len() - count);
     Some(text)
 }
 
-/// One entry of the report on several inputs.
-#[derive(Serialize)]
-#[serde(untagged)]
-pub enum Entry<'a> {
-    Prepared(&'a Report),
-    Skipped { input: String, skipped: bool },
-    Failed { input: String, error: String },
-}
-
-/// What `--report` writes of several inputs, in their order.
-pub fn entries<'a>(tasks: &[Task], outcomes: &'a [Outcome]) -> Vec<Entry<'a>> {
-    let entry = |(task, outcome): (&Task, &'a Outcome)| match outcome {
-        Ok(done) => done.entry(task),
-        Err(error) => Entry::Failed { input: named(&task.input), error: format!("{error:#}") },
-    };
-    tasks.iter().zip(outcomes).map(entry).collect()
+/// The report of a run of several tasks that is not over, and where it is to be written.
+pub fn report_so_far() -> Option<(PathBuf, Value)> {
+    let so_far = SO_FAR.lock().unwrap_or_else(PoisonError::into_inner);
+    let SoFar { tasks, report, done } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
+    let entries = tasks.iter().zip(done).map(|(task, done)| match done {
+        Some((_, entry)) => entry.clone(),
+        None => json!({ "input": named(&task.input), "interrupted": true }),
+    });
+    Some((report.clone()?, entries.collect()))
 }
 
 fn file_name(path: &Path) -> String {
@@ -338,19 +350,26 @@ mod tests {
     }
 
     #[test]
-    fn an_interrupted_run_has_a_table_of_what_was_done() {
+    fn an_interrupted_run_has_a_table_and_a_report_of_what_was_done() {
         let inputs = ["a.nrrd", "b.nrrd", "c.nrrd"].map(PathBuf::from);
         let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
-        begin(&tasks[..1]);
+        begin(&tasks[..1], None);
         assert_eq!(table_so_far(), None, "one volume needs no table");
-        begin(&tasks);
-        note(&tasks[2], &Ok(Done::Skipped));
+        begin(&tasks, Some(Path::new("r.json")));
+        note(&tasks[2], &Ok(Done::Skipped(None)));
         note(&tasks[0], &Err(anyhow!("is\ndamaged")));
         let table = table_so_far().expect("there are several");
         let lines: Vec<&str> = table.lines().skip(1).collect();
         let expected =
             ["a.nrrd  error: is damaged", "b.nrrd  not done", "c.nrrd  was there already", "3 volumes: 2 done, 1 not"];
         assert_eq!(lines, expected);
+        let (path, report) = report_so_far().expect("was asked for");
+        let expected = json!([
+            { "input": "a.nrrd", "error": "is\ndamaged" },
+            { "input": "b.nrrd", "interrupted": true },
+            { "input": "c.nrrd", "skipped": true },
+        ]);
+        assert_eq!((path.as_path(), report), (Path::new("r.json"), expected));
     }
 
     #[test]

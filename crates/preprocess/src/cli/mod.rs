@@ -45,6 +45,13 @@ pub fn say_interrupted() {
     if let Some(table) = batch::table_so_far() {
         // Whatever standard output is, the program ends.
         let _ = print(&table);
+        if let Some((path, report)) = batch::report_so_far() {
+            let written =
+                serde_json::to_vec_pretty(&report).map_err(Into::into).and_then(|report| write(&path, &report));
+            if let Err(error) = written {
+                terminal::say_last(&format!("{error:#}"));
+            }
+        }
         terminal::say_last("the same command with --skip-existing leaves out the volumes that are done");
     }
     let kept = voxrole_pack::unfinished::kept();

@@ -47,12 +47,13 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let memory = args.memory.map_or_else(half_of_memory, Ok)? / jobs as u64;
     // Says why an error speaks of less memory than was given.
     let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
+    let before = args.report.as_deref().filter(|_| args.skip_existing).map(batch::reports_of).unwrap_or_default();
     let work = |task: &Task| {
         if args.skip_existing && task.output.exists() {
             // What cannot be opened was not finished by this program.
             let opened =
                 super::open(&task.output).context("--skip-existing takes this for finished: delete it if it is not");
-            return opened.map(|_| Done::Skipped);
+            return opened.map(|_| Done::Skipped(batch::report_of(task, &before)));
         }
         pool.install(|| {
             let progress = terminal.progress(&task.input);
@@ -64,12 +65,12 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
             report.map(|report| Done::prepared(report, task)).map_err(|error| with_way_on(error, &task.output))
         })
     };
-    batch::begin(&tasks);
+    batch::begin(&tasks, args.report.as_deref());
     let outcomes = batch::run(&tasks, jobs, work, |task, outcome| {
         batch::note(task, outcome);
         match outcome {
             Ok(Done::Prepared(report)) => terminal.done(&task.input, &task.output, report),
-            Ok(Done::Skipped) => terminal.skipped(&task.input, &task.output),
+            Ok(Done::Skipped(_)) => terminal.skipped(&task.input, &task.output),
             Err(error) => terminal.error(Some(&task.input), error),
         }
     });
@@ -102,20 +103,20 @@ const STACK_BYTES: usize = 2 << 20;
 
 /// Says what came of all, and writes the report.
 fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: &Terminal) -> anyhow::Result<ExitCode> {
-    let (summary, report) = match (tasks, outcomes) {
-        ([_], [Err(_)]) => (String::new(), None),
-        ([task], [Ok(done)]) => {
-            let text = match done {
-                Done::Prepared(report) => summary(report, task),
-                Done::Skipped => batch::table(tasks, outcomes),
-            };
-            (text, Some(serde_json::to_vec_pretty(&done.entry(task))?))
-        }
-        _ => (batch::table(tasks, outcomes), Some(serde_json::to_vec_pretty(&batch::entries(tasks, outcomes))?)),
+    let summary = match (tasks, outcomes) {
+        ([_], [Err(_)]) => String::new(),
+        ([task], [Ok(Done::Prepared(report))]) => summary(report, task),
+        _ => batch::table(tasks, outcomes),
+    };
+    let mut entries: Vec<_> = tasks.iter().zip(outcomes).map(|(task, outcome)| batch::entry(task, outcome)).collect();
+    let report = match outcomes {
+        [Err(_)] => None,
+        [_] => entries.pop(),
+        _ => Some(entries.into()),
     };
     // First what is asked for by name: printing may fail.
     if let Some((path, report)) = args.report.as_ref().zip(report) {
-        super::write(path, &report)?;
+        super::write(path, &serde_json::to_vec_pretty(&report)?)?;
     }
     super::print(&summary)?;
     let tally = Tally::new(outcomes);

@@ -356,6 +356,7 @@ fn an_animation_is_as_fast_as_is_asked_for() {
         [control.delay_num, control.delay_den]
     };
     assert_eq!([delay(&[]), delay(&["--fps", "50"])], [[1, 25], [1, 50]]);
+    assert_eq!(delay(&["--fps", "12.5"]), [800, 10_000]);
     let error = render(&packed, &folder.join("a.png"), &["--frames", "2", "--fps", "50"]).expect_err("is refused");
     assert!(error.is::<UsageError>() && error.to_string().contains("OUT.apng"), "{error}");
 }
