@@ -68,9 +68,10 @@ pub fn run_and_tell(
     let session = session.map(read_session).transpose()?;
     let is_stored = |session: &ViewState| session.transfer_function.classification == Classification::Stored;
     ensure!(!session.as_ref().is_some_and(is_stored), "stored opacities are drawn by `voxrole-view render` alone");
-    let opened = open_or_prepare(path, options)?;
+    let memory = bound(memory)?;
+    let opened = open_or_prepare(path, options, memory)?;
     let named = || path.display().to_string();
-    let (coarsest, memory) = (opened.reader.levels() - 1, bound(memory)?);
+    let coarsest = opened.reader.levels() - 1;
     require(&opened.reader, coarsest, memory, "the window needs all of its coarsest level").with_context(named)?;
     // Before the volume is read and a window flashes up. The device is given back: eframe opens its own.
     drop(Gpu::new().with_context(|| without_window(path))?);

@@ -9,10 +9,10 @@ use voxrole_preprocess::raw_args::RawArgs;
 use crate::device_args::DeviceArgs;
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
-use crate::region_args::parse_region;
+use crate::region_args::{TypedRegion, parse_region};
 use crate::scene_args::SceneArgs;
 use crate::state::color::parse_color;
-use crate::state::{Camera, Classification, ClipPlane, Crop, Curve, Integration, Region, Technique, TwoSidedEmphasis};
+use crate::state::{Camera, Classification, ClipPlane, Crop, Curve, Integration, Technique, TwoSidedEmphasis};
 
 /// Shows the boundaries in a volume by its voxels' roles.
 #[derive(Debug, Parser)]
@@ -31,7 +31,8 @@ pub struct Cli {
     #[command(flatten)]
     pub device: DeviceArgs,
     /// Memory that the volume takes at most, such as 8GiB; the finest level of detail comes in parts where it takes more and a GPU
-    /// draws, and is not shown where the CPU does [default: half of the machine's].
+    /// draws, and is not shown where the CPU does; it also bounds preparing one that is not packed [default: half of the
+    /// machine's].
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub memory: Option<u64>,
     /// Layout of a headerless volume.
@@ -160,7 +161,7 @@ pub struct ViewArgs {
         value_parser = parse_region,
         allow_hyphen_values = true
     )]
-    pub regions: Vec<Region>,
+    pub regions: Vec<TypedRegion>,
     /// What decides: the voxels' roles, that is regions and curve at boundaries; the curve's value alone, everywhere,
     /// as in classical volume rendering; or intensity and opacity as a file of two numbers a voxel has them [default:
     /// roles].
@@ -183,7 +184,8 @@ pub struct ViewArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: usize,
     /// Memory that the volume takes at most, such as 8GiB; of a larger one parts are read when they are seen, by which a GPU
-    /// draws it, also one that the CPU stands in for [default: half of the machine's].
+    /// draws it, also one that the CPU stands in for; it also bounds preparing one that is not packed [default: half of the
+    /// machine's].
     #[arg(long, value_name = "SIZE", value_parser = byte_size)]
     pub memory: Option<u64>,
     /// Colour behind the volume [default: 000000].
@@ -316,7 +318,7 @@ mod tests {
         assert_eq!(render.view.background, Some([1.0; 3]));
         assert_eq!(render.view.camera.expect("a camera").azimuth, -30.0);
         assert_eq!(render.view.regions.len(), 2);
-        assert_eq!(render.view.regions[0].value, [-1000.0, 200.0]);
+        assert_eq!(render.view.regions[0].region.value, [-1000.0, 200.0]);
     }
 
     #[test]

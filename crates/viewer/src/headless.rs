@@ -14,9 +14,9 @@ use crate::Error;
 use crate::args::{Bits, RenderArgs, ViewArgs};
 use crate::classify::propose_regions;
 use crate::device_args::DeviceArgs;
-use crate::drawing::{Drawing, Drawn};
+use crate::drawing::Drawing;
 use crate::open::{open_or_prepare, read_stored};
-use crate::picture::to_apng;
+use crate::picture::Animation;
 use crate::reference::SampleCounts;
 use crate::render::DeviceMemory;
 use crate::state::{Camera, Classification, Crop, Region, SavedVolume, TransferFunction, ViewState};
@@ -75,10 +75,11 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     if let Some(path) = &arguments.save_session {
         write(path, state.to_toml()?.as_bytes())?;
     }
-    let (drawn, seconds) = outputs.write(&mut drawing, &state, volume.description().smallest_spacing())?;
+    let Written { samples, seconds, is_blank } =
+        outputs.write(&mut drawing, &state, volume.description().smallest_spacing())?;
     if arguments.stats {
         tell(format!("voxrole-view: read in {reading:.3} s, made ready in {ready:.3} s, drawn in {seconds:.3} s"));
-        if let Some(samples) = drawn.samples {
+        if let Some(samples) = samples {
             let SampleCounts { taken, all } = samples;
             let saved = 100.0 * samples.saved();
             tell(format!("voxrole-view: {taken} samples taken of {all} along all rays, {saved:.1} % saved"));
@@ -91,8 +92,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
             tell(format!("voxrole-view: bricks unpacked for rays {unpacked} times; the file has {all}"));
         }
     }
-    let rgba = &drawn.picture.rgba;
-    if rgba.chunks_exact(4).all(|pixel| pixel == &rgba[..4]) {
+    if is_blank {
         tell(match state.transfer_function.classification {
             Classification::Roles => {
                 "voxrole-view: nothing is visible: no boundary that the camera sees lies in any region or on the curve, or all is cut away"
@@ -103,6 +103,16 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         });
     }
     Ok(())
+}
+
+/// What came of the pictures.
+struct Written {
+    /// Of all of them, where they were counted.
+    samples: Option<SampleCounts>,
+    /// That drawing took.
+    seconds: f64,
+    /// Whether none of them shows anything.
+    is_blank: bool,
 }
 
 /// What is to be written.
@@ -151,13 +161,12 @@ impl<'a> Outputs<'a> {
         let outputs = Self { arguments, is_animation, need_light, frames };
         let mut paths = outputs.paths();
         paths.extend(depth.iter().chain(save_session).cloned());
-        for (index, path) in paths.iter().enumerate() {
+        for path in &paths {
             let mut inputs = vec![arguments.file.as_path()];
+            inputs.extend(arguments.view.regions.iter().filter_map(|region| region.map.as_deref()));
             // A session that was read may be saved in its own place.
             inputs.extend(arguments.view.session.as_deref().filter(|_| Some(path) != save_session.as_ref()));
             atomic_file::check_output(path, &inputs).with_context(|| format!("writing {}", path.display()))?;
-            let is_taken = paths[..index].contains(path);
-            refuse_if(is_taken, format!("{}: two outputs cannot be one file", path.display()))?;
         }
         Ok(outputs)
     }
@@ -173,17 +182,20 @@ impl<'a> Outputs<'a> {
         (0..self.frames).map(|frame| output.with_file_name(format!("{stem}-{frame:0digits$}.png"))).collect()
     }
 
-    /// Draws everything and writes it; returns the last picture, with the samples of all, and the seconds that drawing took.
-    fn write(
-        &self,
-        drawing: &mut Drawing<'_>,
-        state: &ViewState,
-        smallest_spacing: f64,
-    ) -> anyhow::Result<(Drawn, f64)> {
+    /// Draws everything and writes it.
+    fn write(&self, drawing: &mut Drawing<'_>, state: &ViewState, smallest_spacing: f64) -> anyhow::Result<Written> {
         let RenderArgs { output, bits, depth, transparent, .. } = self.arguments;
         let background = (!transparent).then(|| glam::Vec3::from_array(state.render_settings.background));
-        let mut pictures = Vec::new();
-        let (mut last, mut seconds, mut samples) = (None, 0.0, None::<SampleCounts>);
+        let blank =
+            background.map_or([0; 4], |color| (color.extend(1.0) * 255.0 + 0.5).to_array().map(|share| share as u8));
+        let mut written = Written { samples: None, seconds: 0.0, is_blank: true };
+        let mut apng = Vec::new();
+        let mut animation = if self.is_animation {
+            let per_second = self.arguments.fps.unwrap_or(PER_SECOND);
+            Some(Animation::new(&mut apng, state.render_settings.image_size, self.frames, per_second)?)
+        } else {
+            None
+        };
         let paths = self.paths();
         for frame in 0..self.frames {
             let mut camera = state.camera;
@@ -191,15 +203,18 @@ impl<'a> Outputs<'a> {
             let start = Instant::now();
             let drawn = drawing.draw(if frame == 0 { &state.camera } else { &camera });
             let mut drawn = drawn.map_err(|error| of_volume(error, &self.arguments.file))?;
-            seconds += start.elapsed().as_secs_f64();
+            written.seconds += start.elapsed().as_secs_f64();
             if let Some(taken) = drawn.samples {
-                samples = Some(samples.unwrap_or_default().plus(taken));
+                written.samples = Some(written.samples.unwrap_or_default().plus(taken));
             }
             if let (true, Some(light)) = (*transparent, &drawn.light) {
                 drawn.picture = light.picture(None);
             }
-            if self.is_animation {
-                pictures.push(drawn.picture.clone());
+            // What a device rounds is off by 1.
+            let is_blank = |pixel: &[u8]| pixel.iter().zip(blank).all(|(found, blank)| found.abs_diff(blank) <= 1);
+            written.is_blank &= drawn.picture.rgba.chunks_exact(4).all(is_blank);
+            if let Some(animation) = &mut animation {
+                animation.add(&drawn.picture)?;
             } else {
                 let png = match &drawn.light {
                     Some(light) if *bits == Bits::Sixteen => light.to_deep_png(background)?,
@@ -207,16 +222,15 @@ impl<'a> Outputs<'a> {
                 };
                 write(&paths[frame as usize], &png)?;
             }
-            last = Some(drawn);
+            if let (Some(path), Some(light)) = (depth, &drawn.light) {
+                write(path, &light.depth_npy(smallest_spacing))?;
+            }
         }
+        animation.map_or(Ok(()), Animation::finish)?;
         if self.is_animation {
-            write(output, &to_apng(&pictures, self.arguments.fps.unwrap_or(PER_SECOND))?)?;
+            write(output, &apng)?;
         }
-        let drawn = Drawn { samples, ..last.context("no picture was asked for")? };
-        if let (Some(path), Some(light)) = (depth, &drawn.light) {
-            write(path, &light.depth_npy(smallest_spacing))?;
-        }
-        Ok((drawn, seconds))
+        Ok(written)
     }
 }
 
@@ -290,13 +304,14 @@ pub fn read_what_is_drawn(
         take_volume(state, SavedVolume { name, value_range: volume.description.value_range });
         return Ok(volume.into());
     }
-    let opened = open_or_prepare(file, options)?;
+    let memory = bound(view.memory)?;
+    let opened = open_or_prepare(file, options, memory)?;
     // Refused before what takes its time.
     check_crop(&state.clipping.crop, &VolumeDescription::of(&opened.reader, view.level).with_context(named)?)
         .with_context(named)?;
     propose_where_needed(state, &opened.reader).with_context(named)?;
     take_volume(state, SavedVolume::of(opened.reader.header()));
-    TexelSource::open(opened, view.level, bound(view.memory)?).with_context(named)
+    TexelSource::open(opened, view.level, memory).with_context(named)
 }
 
 /// Makes a state that of a volume.
@@ -357,7 +372,7 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
         clipping.planes.clone_from(&arguments.planes);
     }
     if !arguments.regions.is_empty() {
-        transfer_function.regions.clone_from(&arguments.regions);
+        transfer_function.regions = arguments.regions.iter().map(|typed| typed.region.clone()).collect();
     }
     check_view(arguments, &state)?;
     Ok(state)

@@ -13,7 +13,6 @@ use voxrole_pack::{DistanceQuantization, HitGradientQuantization, Precision, Rea
 use voxrole_preprocess::Grid;
 use voxrole_preprocess::console::tell;
 use voxrole_preprocess::io::{ReadOptions, open_volume, read_volume};
-use voxrole_preprocess::machine_memory::half_of_memory;
 use voxrole_preprocess::prepare::prepare_file;
 use voxrole_preprocess::progress::Silent;
 use voxrole_preprocess::settings::{Method, Settings};
@@ -41,11 +40,11 @@ impl From<Arc<Reader>> for Opened {
 }
 
 /// Opens a packed file, whatever its name ends in. A volume that has not been prepared is prepared first, with default
-/// settings, into a temporary file.
+/// settings and within so many bytes of memory, into a temporary file.
 ///
 /// # Errors
 /// When it cannot be read, is damaged, or is not a volume; the message names it.
-pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Opened> {
+pub fn open_or_prepare(path: &Path, options: &ReadOptions, memory: u64) -> anyhow::Result<Opened> {
     let named = || path.display().to_string();
     if is_packed(path)? {
         let typed = options.typed();
@@ -58,8 +57,7 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions) -> anyhow::Result<Ope
     let file = path.display();
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
     volume.notes().iter().for_each(|note| tell(format!("voxrole-view: {file}: {note}")));
-    let (settings, memory) = (Settings::new(Method::Auto), half_of_memory()?);
-    prepare_file(volume, &settings, memory, &packed, &Silent).with_context(named)?;
+    prepare_file(volume, &Settings::new(Method::Auto), memory, &packed, &Silent).with_context(named)?;
     Ok(Opened { reader: Arc::new(Reader::open(&packed).with_context(named)?), _prepared: Some(folder) })
 }
 

@@ -45,25 +45,40 @@ fn to_png(bytes: &[u8], width: u32, height: u32, color: ExtendedColorType) -> Re
     Ok(png)
 }
 
-/// Pictures that follow each other, as an animated PNG that goes round and round; all are of one size. `per_second` is
-/// from 1 to 240.
-///
-/// # Errors
-/// [`crate::Error::Animation`] when the encoder refuses, as for no pictures at all.
-pub fn to_apng(pictures: &[Picture], per_second: f32) -> Result<Vec<u8>> {
-    let mut apng = Vec::new();
-    let [width, height] = pictures.first().map_or([0; 2], |first| [first.width, first.height]);
-    let mut encoder = png::Encoder::new(&mut apng, width, height);
-    encoder.set_color(png::ColorType::Rgba);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_animated(pictures.len() as u32, 0)?;
-    // A delay is a fraction of two short integers.
-    let (count, of) = if per_second.fract() == 0.0 { (1.0, per_second) } else { (10_000.0 / per_second, 10_000.0) };
-    encoder.set_frame_delay(count.round() as u16, of as u16)?;
-    let mut writer = encoder.write_header()?;
-    pictures.iter().try_for_each(|picture| writer.write_image_data(&picture.rgba))?;
-    writer.finish()?;
-    Ok(apng)
+/// Pictures that follow each other, as an animated PNG that goes round and round. What is kept of them is what the file has.
+pub struct Animation<'a>(png::Writer<&'a mut Vec<u8>>);
+
+impl<'a> Animation<'a> {
+    /// Of so many pictures of one size, from 1 to 240 a second, into `apng`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Animation`] when the encoder refuses, as for no pictures at all.
+    pub fn new(apng: &'a mut Vec<u8>, [width, height]: [u32; 2], pictures: u32, per_second: f32) -> Result<Self> {
+        let mut encoder = png::Encoder::new(apng, width, height);
+        encoder.set_color(png::ColorType::Rgba);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_animated(pictures, 0)?;
+        // A delay is a fraction of two short integers.
+        let (count, of) = if per_second.fract() == 0.0 { (1.0, per_second) } else { (10_000.0 / per_second, 10_000.0) };
+        encoder.set_frame_delay(count.round() as u16, of as u16)?;
+        Ok(Self(encoder.write_header()?))
+    }
+
+    /// Adds the next one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Animation`] when it is of another size, or one too many.
+    pub fn add(&mut self, picture: &Picture) -> Result<()> {
+        Ok(self.0.write_image_data(&picture.rgba)?)
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// [`crate::Error::Animation`] when there are fewer pictures than were to come.
+    pub fn finish(self) -> Result<()> {
+        Ok(self.0.finish()?)
+    }
 }
 
 /// What reaches one pixel.
@@ -165,7 +180,10 @@ mod tests {
     #[test]
     fn animations_hold_every_picture() {
         let picture = |value| Picture { width: 2, height: 1, rgba: vec![value; 8] };
-        let apng = to_apng(&[picture(1), picture(2), picture(3)], 25.0).expect("is encoded");
+        let mut apng = Vec::new();
+        let mut animation = Animation::new(&mut apng, [2, 1], 3, 25.0).expect("begins");
+        [1, 2, 3].into_iter().try_for_each(|value| animation.add(&picture(value))).expect("is encoded");
+        animation.finish().expect("is complete");
         let mut reader = png::Decoder::new(std::io::Cursor::new(&apng)).read_info().expect("is a picture");
         assert_eq!(reader.info().animation_control().map(|control| control.num_frames), Some(3));
         for value in 1..=3 {
@@ -173,6 +191,6 @@ mod tests {
             reader.next_frame(&mut rgba).expect("a frame");
             assert_eq!(rgba, [value; 8]);
         }
-        assert!(to_apng(&[], 25.0).is_err());
+        assert!(Animation::new(&mut Vec::new(), [2, 1], 0, 25.0).is_err());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
+use std::path::PathBuf;
 
 use crate::state::region::MAP_FILE;
 use crate::state::{PaintedMap, ParseError, Region, Shape};
@@ -11,17 +12,28 @@ const MOST_BYTES: u64 = 128 << 20;
 /// What such a name ends with.
 const EXTENSION: &str = ".png";
 
+/// What was typed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TypedRegion {
+    /// The region.
+    pub region: Region,
+    /// The file that its map was read from.
+    pub map: Option<PathBuf>,
+}
+
 /// A region as [`Region`] is typed, or `map:FILE.png,v0:v1,g0:g1,RRGGBB[,opacity][@KIND,a,dc,n]`: a picture that lies over the
 /// ranges, value to the right and gradient magnitude upwards.
 ///
 /// # Errors
 /// [`ParseError`] for anything else, and for a file that cannot be read.
-pub fn parse_region(text: &str) -> Result<Region, ParseError> {
-    let Some(rest) = text.trim_start().strip_prefix(MAP_FILE) else { return text.parse() };
+pub fn parse_region(text: &str) -> Result<TypedRegion, ParseError> {
+    let Some(rest) = text.trim_start().strip_prefix(MAP_FILE) else {
+        return Ok(TypedRegion { region: text.parse()?, map: None });
+    };
     let (path, form) = split_path(rest)
         .ok_or_else(|| ParseError(format!("`{text}` is not {MAP_FILE}FILE{EXTENSION},v0:v1,g0:g1,RRGGBB[,opacity]")))?;
     let map = read_map(path).map_err(|ParseError(reason)| ParseError(format!("{path}: {reason}")))?;
-    Region::from_form(Shape::Painted(map), form)
+    Ok(TypedRegion { region: Region::from_form(Shape::Painted(map), form)?, map: Some(path.into()) })
 }
 
 /// A file's name, which may have commas, and what follows.
@@ -52,10 +64,11 @@ mod tests {
         let path = folder.path().join("a, b@c.PNG");
         std::fs::write(&path, map.to_png().expect("is encoded")).expect("writes");
         let typed = format!("map:{},-1:2,3:4,00FF00,0.25@concave,1,2,7", path.display());
-        let region = parse_region(&typed).expect("a region");
-        assert_eq!((region.shape.clone(), region.value), (Shape::Painted(map), [-1.0, 2.0]));
-        assert_eq!(parse_region(&region.to_string()), Ok(region));
-        assert_eq!(parse_region("1:2,3:4,00FF00"), "1:2,3:4,00FF00".parse());
+        let TypedRegion { region, map: file } = parse_region(&typed).expect("a region");
+        assert_eq!((region.shape.clone(), region.value, file), (Shape::Painted(map), [-1.0, 2.0], Some(path)));
+        let typed = |region: Region| Ok(TypedRegion { region, map: None });
+        assert_eq!(parse_region(&region.to_string()), typed(region));
+        assert_eq!(parse_region("1:2,3:4,00FF00"), typed("1:2,3:4,00FF00".parse().expect("a region")));
     }
 
     #[test]

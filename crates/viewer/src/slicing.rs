@@ -188,6 +188,9 @@ impl Samples {
     #[must_use]
     pub fn count(&self) -> u64 {
         let [entry, exit] = self.interval;
+        if self.whole.is_finite() {
+            return self.whole as u64 + u64::from(self.cut_short(self.whole).is_some());
+        }
         let count = self.last.map_or((exit - entry) / self.step + (1.0 - self.share), |last| last + 1.0);
         count.max(0.0) as u64
     }

@@ -1,6 +1,8 @@
 //! Bricks of a volume of which the device has no room for all: those that rays need, in one texture, and where each of
 //! them lies.
 
+use std::collections::HashSet;
+
 use glam::Vec3;
 use wgpu::{Extent3d, Origin3d, PollType, Texture, TextureView};
 
@@ -8,19 +10,20 @@ use super::gpu::Gpu;
 use super::volume_textures::{
     BYTES_PER_TEXEL, UPLOAD_BYTES, not_apart, texture_bytes, too_large, view, volume_texture, write_texels,
 };
-use crate::Result;
 use crate::classify::Occupancy;
 use crate::classify::macrocells::MACROCELL;
 use crate::frame::Frame;
 use crate::streaming::TexelSource;
 use crate::streaming::packed_volume::TexelBox;
 use crate::volume::VolumeTexels;
+use crate::{Result, Watch};
 
 /// Cells along a side of a brick.
 pub const BRICK: u32 = 32;
 /// Voxels along a side: those on the faces between two bricks are in both, so that every cell has all of its own.
 const SIDE: u32 = BRICK + 1;
-const BRICK_BYTES: u64 = SIDE as u64 * SIDE as u64 * SIDE as u64 * BYTES_PER_TEXEL as u64;
+/// What a brick takes of the device's memory.
+pub(super) const BRICK_BYTES: u64 = SIDE as u64 * SIDE as u64 * SIDE as u64 * BYTES_PER_TEXEL as u64;
 const UPLOADS_AT_ONCE: u64 = UPLOAD_BYTES as u64 / BRICK_BYTES;
 
 /// Bricks that are made ready together: bounds the memory that takes, and gives every thread something to do.
@@ -98,7 +101,7 @@ impl BrickAtlas {
     ///
     /// # Errors
     /// As [`Self::bring`].
-    pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame) -> Result<()> {
+    pub fn fill(&mut self, gpu: &Gpu, occupancy: Option<&Occupancy>, frame: &Frame, watch: &Watch) -> Result<()> {
         let free = self.slots.iter().filter(|slot| slot.is_none()).count();
         if free == 0 {
             return Ok(());
@@ -111,7 +114,7 @@ impl BrickAtlas {
         absent.retain(|&brick| self.places[brick][3] == 0);
         absent.sort_by_cached_key(distance);
         absent.truncate(free);
-        self.bring(gpu, &absent, &[])
+        self.bring(gpu, &absent, &[], watch)
     }
 
     /// The bricks that something can be drawn of; all where rays do not leap.
@@ -131,12 +134,13 @@ impl BrickAtlas {
     }
 
     /// Brings bricks that are not there, the first ones first, in the place of those that have been there the longest,
-    /// but for those that have to stay; as many as there is room for.
+    /// but for those that have to stay; as many as there is room for, and fewer where the picture is given up meanwhile.
     ///
     /// # Errors
     /// [`crate::Error::Pack`], naming brick and layer, when one cannot be read from its file, [`crate::Error::Device`] when
     /// the device is lost.
-    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize]) -> Result<()> {
+    pub fn bring(&mut self, gpu: &Gpu, bricks: &[usize], staying: &[usize], watch: &Watch) -> Result<()> {
+        let staying: HashSet<usize> = staying.iter().copied().collect();
         let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
         let slots = (0..self.slots.len()).map(|index| (self.next + index) % self.slots.len());
         let slots = slots.filter(|&slot| !is_staying(&self.slots[slot]));
@@ -147,17 +151,23 @@ impl BrickAtlas {
         }
         // Neighbours together: they are made of the same bricks of a file.
         brought.sort_by_cached_key(|(brick, _)| z_order(self.start(*brick).map(|voxel| voxel / BRICK)));
-        for brought in brought.chunks(MADE_AT_ONCE) {
-            let bricks: Vec<usize> = brought.iter().map(|(brick, _)| *brick).collect();
-            for (&(brick, slot), (texels, size)) in brought.iter().zip(self.texels(&bricks)?) {
-                if let Some(old) = self.slots[slot].replace(brick) {
-                    self.places[old] = [0; 4];
-                }
-                self.upload(gpu, (brick, slot), &texels, size)?;
-            }
-        }
+        let mut parts = brought.chunks(MADE_AT_ONCE).take_while(|_| !watch.is_given_up());
+        let outcome = parts.try_for_each(|brought| self.replace(gpu, brought));
+        // Also where one could not be read: those before it lie in the places of others by now.
         write_texels(gpu, &self.pages, Origin3d::ZERO, extent(self.grid), &self.places);
         gpu.queue.submit([]);
+        outcome
+    }
+
+    /// Puts bricks into slots.
+    fn replace(&mut self, gpu: &Gpu, brought: &[(usize, usize)]) -> Result<()> {
+        let bricks: Vec<usize> = brought.iter().map(|(brick, _)| *brick).collect();
+        for (&(brick, slot), (texels, size)) in brought.iter().zip(self.texels(&bricks)?) {
+            if let Some(old) = self.slots[slot].replace(brick) {
+                self.places[old] = [0; 4];
+            }
+            self.upload(gpu, (brick, slot), &texels, size)?;
+        }
         Ok(())
     }
 

@@ -110,7 +110,7 @@ impl BrickMarch {
                 if watch.is_given_up() {
                     return Ok(());
                 }
-                atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks)?;
+                atlas.bring(gpu, &most_wanted(&waiting), &leader.bricks, watch)?;
             }
             let [after, _] = &*strips;
             let attachments = [attachment(target.view(), LoadOp::Load)];

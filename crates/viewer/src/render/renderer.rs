@@ -248,7 +248,7 @@ impl Renderer {
                 let (atlas, march) = &mut **bricks;
                 let occupancy = self.lookup_textures.occupancy();
                 if changes.occupancy {
-                    atlas.fill(gpu, occupancy, &frame)?;
+                    atlas.fill(gpu, occupancy, &frame, watch)?;
                 }
                 let Some(slicing) = &frame.slicing else {
                     march.draw_rows(

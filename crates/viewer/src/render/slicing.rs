@@ -253,7 +253,8 @@ impl SliceBlending {
         let mut bricks: Vec<usize> = run.bricks.iter().copied().collect();
         // Which come in the place of which must not depend on how they are kept here.
         bricks.sort_unstable();
-        atlas.bring(gpu, &bricks, &bricks)?;
+        // All of them: what is blended cannot be taken back.
+        atlas.bring(gpu, &bricks, &bricks, &Watch::default())?;
         let start = Instant::now();
         self.blend(gpu, bind_group, &vertices[run.vertices.clone()], (tile, LoadOp::Load));
         let waited = gpu.device.poll(PollType::wait_indefinitely());

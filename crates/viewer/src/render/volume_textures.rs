@@ -7,7 +7,7 @@ use wgpu::{
     TextureFormat, TextureView, TextureViewDescriptor,
 };
 
-use super::brick_atlas::BrickAtlas;
+use super::brick_atlas::{BRICK_BYTES, BrickAtlas};
 use super::compressed_normals::{BLOCK, BLOCK_BYTES, blocks, gradient_with_side};
 use super::device_memory::{DeviceMemory, Normals};
 use super::gpu::Gpu;
@@ -22,8 +22,6 @@ pub(super) const BYTES_PER_TEXEL: usize = 8;
 pub(super) const UPLOAD_BYTES: usize = 64 << 20;
 /// Where a device has no room for a volume, this share of it is tried next, and of that.
 const LESS: u64 = 2;
-/// How often less is tried.
-const TRIES: u32 = 6;
 
 /// What of the volume is there.
 pub enum VolumeTextures {
@@ -95,7 +93,7 @@ impl VolumeTextures {
                 None => bytes.saturating_mul(LESS),
             },
         };
-        for _ in 1..TRIES {
+        while room / LESS >= BRICK_BYTES {
             if let Ok(bricks) = BrickAtlas::new(gpu, source, room) {
                 return Ok(Self::Bricks(bricks));
             }

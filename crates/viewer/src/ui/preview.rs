@@ -293,6 +293,12 @@ impl Preview {
         }
     }
 
+    /// The level of detail that picture is of.
+    #[must_use]
+    pub fn saved_level(&self) -> usize {
+        if self.saves_bricks { 0 } else { self.drawer.level() }
+    }
+
     /// The volume, where it is still in memory.
     #[must_use]
     pub fn into_volume(self) -> Option<Arc<VolumeTexels>> {

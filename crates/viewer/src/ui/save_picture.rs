@@ -16,6 +16,8 @@ use crate::state::ViewState;
 pub struct SavePicture {
     /// The file's name as typed.
     pub path: String,
+    /// What is shown, which is not to be replaced.
+    input: PathBuf,
     /// A file that was there before and may be replaced by the next press.
     replaceable: Option<PathBuf>,
     outcome: Option<Outcome>,
@@ -43,6 +45,7 @@ impl SavePicture {
     pub fn new(input: &Path) -> Self {
         Self {
             path: input.with_extension("png").display().to_string(),
+            input: input.to_owned(),
             replaceable: None,
             outcome: None,
             pending: None,
@@ -53,6 +56,10 @@ impl SavePicture {
     /// that was there before is replaced only when this is called for it a second time.
     pub fn save(&mut self, context: &egui::Context, preview: &mut Preview, view: &ViewState) {
         let path = PathBuf::from(self.path.trim());
+        if !path.extension().is_some_and(|found| found.eq_ignore_ascii_case("png")) {
+            self.outcome = Some(Outcome::Failed(format!("{}: what is written is png; name it so", path.display())));
+            return;
+        }
         if !self.may_write(&path) {
             return;
         }
@@ -72,8 +79,12 @@ impl SavePicture {
                 Ok(None) => self.pending = Some(Pending::Drawing(path)),
                 Ok(Some(picture)) => {
                     let context = context.clone();
+                    let of = match preview.saved_level() {
+                        0 => String::new(),
+                        level => format!(" of level {level} of the volume, before finer ones are ready"),
+                    };
                     self.pending = Some(Pending::Writing(thread::spawn(move || {
-                        let outcome = write(&path, picture.to_png().map_err(|error| error.to_string()));
+                        let outcome = write(&path, picture.to_png().map_err(|error| error.to_string()), &of);
                         context.request_repaint();
                         outcome
                     })));
@@ -109,12 +120,16 @@ impl SavePicture {
         let path = Path::new(self.path.trim()).with_extension("toml");
         if self.may_write(&path) {
             self.outcome =
-                Some(write(&path, view.to_toml().map(String::into_bytes).map_err(|error| error.to_string())));
+                Some(write(&path, view.to_toml().map(String::into_bytes).map_err(|error| error.to_string()), ""));
         }
     }
 
     /// Whether nothing is at a place but what was written there before, or may be replaced; what is written there next may.
     fn may_write(&mut self, path: &Path) -> bool {
+        if let Err(error) = atomic_file::check_output(path, &[&self.input]) {
+            self.outcome = Some(Outcome::Failed(format!("writing {}: {error}", path.display())));
+            return false;
+        }
         let may_write = !path.exists() || self.replaceable.as_deref() == Some(path);
         if !may_write {
             self.outcome = Some(Outcome::Exists(format!("{} exists: press again to replace it", path.display())));
@@ -137,12 +152,13 @@ fn join(thread: JoinHandle<Outcome>) -> Outcome {
     thread.join().unwrap_or_else(|_| Outcome::Failed("a fault of this program; please report it".to_owned()))
 }
 
-fn write(path: &Path, content: Result<Vec<u8>, String>) -> Outcome {
+/// `of` goes behind the name.
+fn write(path: &Path, content: Result<Vec<u8>, String>, of: &str) -> Outcome {
     let written = content.and_then(|bytes| {
         atomic_file::write(path, &bytes).map_err(|error| format!("writing {}: {error}", path.display()))
     });
     match written {
-        Ok(()) => Outcome::Saved(format!("Saved {}", path.display())),
+        Ok(()) => Outcome::Saved(format!("Saved {}{of}", path.display())),
         Err(error) => Outcome::Failed(error),
     }
 }
@@ -173,12 +189,15 @@ pub fn save_picture_ui(
     });
     let is_named = !save.path.trim().is_empty();
     let usable = is_named && !save.is_saving();
-    let label = if matches!(save.outcome, Some(Outcome::Exists(_))) { "Replace PNG" } else { "Save PNG" };
+    let replaces = save.replaceable.as_deref().filter(|_| matches!(save.outcome, Some(Outcome::Exists(_))));
+    let replaces_session = replaces.map(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    let label = if replaces_session == Some(false) { "Replace PNG" } else { "Save PNG" };
     let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new(label))).inner;
     if button.on_hover_text("Draws at this size with the full step, as `voxrole-view render` does").clicked() {
         save.save(ui.ctx(), preview, view);
     }
-    let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new("Save session"))).inner;
+    let label = if replaces_session == Some(true) { "Replace session" } else { "Save session" };
+    let button = ui.vertical_centered_justified(|ui| ui.add_enabled(usable, Button::new(label))).inner;
     if button.on_hover_text("All settings, in a file of this name that ends in .toml: opened by --session").clicked() {
         save.save_session(view);
     }

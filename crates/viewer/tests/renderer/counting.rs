@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use voxrole_tests::comparison::{draw_on_gpu, gpu_or_skip};
 use voxrole_viewer::reference::{RayMarcher, SampleCounts};
+use voxrole_viewer::scene::Surfaces;
 use voxrole_viewer::state::{Camera, Integration, Technique};
 use voxrole_viewer::{Renderer, Target};
 
@@ -47,6 +48,18 @@ fn the_gpu_takes_the_cpu_s_samples() {
             assert!(target.read_back(&gpu).expect("a picture") == draw_on_gpu(&gpu, &volume, &state));
         }
     }
+    // Steps that something opaque cuts short are counted as they are taken.
+    state.scene.isosurfaces = vec!["70,FFC080".parse().expect("an isosurface")];
+    let surfaces = Arc::new(Surfaces::of(&state, &volume).expect("a scene"));
+    renderer.prepare_scene(&state.scene, &surfaces, [96, 80]).expect("fits");
+    renderer.draw(&state, &target).expect("is drawn");
+    let found = renderer.samples().expect("is asked").expect("are counted");
+    let (_, expected) = RayMarcher::new(&volume, &state, [96, 80]).expect("is made ready").draw_and_count();
+    assert!(
+        is_close(found.taken, expected.taken) && is_close(found.all, expected.all),
+        "{found:?} is not {expected:?}"
+    );
+    assert!(expected.taken <= expected.all && found.taken <= found.all, "{found:?} {expected:?}");
     state.render_settings.technique = Technique::Slices;
     renderer.draw(&state, &target).expect("is drawn");
     assert_eq!(renderer.samples().expect("is asked"), None);

@@ -16,7 +16,7 @@ use voxrole_pack::{
 use voxrole_preprocess::usage::UsageError;
 use voxrole_tests::comparison::draw_on_cpu;
 use voxrole_viewer::args::{Cli, Command};
-use voxrole_viewer::state::CameraPreset;
+use voxrole_viewer::state::{CameraPreset, PaintedMap};
 use voxrole_viewer::{ViewState, VolumeTexels, headless};
 
 use crate::phantom::{Phantom, Role, SHELLS, orthographic};
@@ -189,9 +189,18 @@ fn turntables_sessions_depths_and_deep_pictures_are_written() {
 
     run("b.png", &["--cpu", "--session", session]).expect("is drawn");
     assert!(std::fs::read(path("b.png")).expect("is there") == pictures[0], "the same picture");
+    // In its own place.
+    let step = saved.render_settings.step;
+    run("b.png", &[&small[..], &["--session", session, "--step", "3"]].concat()).expect("is drawn");
+    let again = ViewState::from_toml(&std::fs::read_to_string(session).expect("is there")).expect("is a session");
+    assert!(step != 3.0 && again.render_settings.step == 3.0);
+    run("b.png", &[&small[..], &["--session", session, "--step", &step.to_string()]].concat()).expect("is drawn");
     run("c.apng", &["--cpu", "--session", session, "--frames", "3"]).expect("is drawn");
     assert!(std::fs::read(path("c.apng")).expect("is there").windows(4).filter(|tag| tag == b"fcTL").count() == 3);
 
+    let binary = path("binary.toml");
+    std::fs::write(&binary, [0xff, 0xfe]).expect("is written");
+    let binary = binary.to_str().expect("Unicode");
     let depth = path("d.npy");
     let options = ["--session", session, "--bits", "16", "--transparent", "--depth", depth.to_str().expect("Unicode")];
     run("d.png", &options).expect("is drawn");
@@ -215,6 +224,7 @@ fn turntables_sessions_depths_and_deep_pictures_are_written() {
         ("e.png", &["--depth", "e.txt"], "npy"),
         ("e.png", &["--depth", "e.npy", "--frames", "2"], "--frames"),
         ("e.png", &["--session", "none.toml"], "none.toml"),
+        ("e.png", &["--session", binary], "is no session, which is text"),
         ("e.jpg", &[], "png, or apng"),
         ("e.png", &["--clip", "1,1", "--clip", "1,1", "--clip", "1,1", "--clip", "1,1", "--clip", "1,1"], "at most 4"),
     ] {
@@ -338,6 +348,12 @@ fn a_box_beyond_the_volume_and_a_missing_mesh_are_told_of_as_what_they_are() {
     let (message, _) = error(&["--mesh", "missing.stl"]);
     assert!(message.contains("missing.stl") && !message.contains("shells.vxr"), "{message}");
     render(&packed, &output, &["--cpu", "--crop", ":,31:,:"]).expect("the last voxel is the volume's");
+    // Nor is what was read replaced.
+    let map = folder.join("map.png");
+    std::fs::write(&map, PaintedMap::blank().to_png().expect("is encoded")).expect("is written");
+    let region = format!("map:{},0:300,1:2,FFFFFF", map.display());
+    let error = format!("{:#}", render(&packed, &map, &["--cpu", "--region", &region]).expect_err("is refused"));
+    assert!(error.contains("overwritten"), "{error}");
 }
 
 #[test]

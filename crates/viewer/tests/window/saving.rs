@@ -56,6 +56,31 @@ fn saved_pictures_are_the_renderer_s_own_and_never_replace_a_stranger_s_file_una
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn the_volume_that_is_shown_is_not_replaced() {
+    let Some(mut harness) = open_on(CPU) else { return };
+    let before = std::fs::read(shells()).expect("reads");
+    for (path, reason) in [
+        (shells().to_owned(), "name it so"),
+        // A link of the right name to it.
+        (Path::new(env!("CARGO_TARGET_TMPDIR")).join("window-linked.png"), "overwritten"),
+    ] {
+        if path != shells() {
+            let _ = std::fs::remove_file(&path);
+            std::os::unix::fs::symlink(shells(), &path).expect("links");
+        }
+        harness.state_mut().save.path = path.display().to_string();
+        for _ in 0..2 {
+            harness.get_by_label("Save PNG").click();
+            harness.run();
+            assert!(!harness.state().save.is_saving());
+            harness.get_by_label_contains(reason);
+        }
+    }
+    assert!(std::fs::read(shells()).expect("reads") == before);
+}
+
 #[test]
 fn a_session_of_another_volume_is_told_of() {
     let Some(render_state) = render_state() else { return };
