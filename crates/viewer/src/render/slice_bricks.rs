@@ -86,6 +86,69 @@ impl BrickExtent {
         let [low, high] = self.numbers;
         (low - 1.0 - BEYOND).ceil() as i32..=(high + BEYOND).floor() as i32
     }
+
+    /// From where to where slices need it, on a way upwards or downwards.
+    fn way(&self, sense: i32) -> [i32; 2] {
+        let slices = self.slices();
+        let [start, end] = [sense * slices.start(), sense * slices.end()];
+        [start.min(end), start.max(end)]
+    }
+}
+
+/// The bricks that slices need, told for one after another on their way.
+pub struct Needed<'a> {
+    /// Slices count upwards on their way, or downwards.
+    sense: i32,
+    /// Bricks that are not needed yet, that which is needed first at the end.
+    coming: Vec<&'a BrickExtent>,
+    /// Bricks that are, and up to where on the way.
+    there: Vec<(i32, usize)>,
+}
+
+impl<'a> Needed<'a> {
+    /// By slices whose numbers go from one to another.
+    #[must_use]
+    pub fn new(extents: &'a [BrickExtent], [from, to]: [i32; 2]) -> Self {
+        let mut needed =
+            Self { sense: if from <= to { 1 } else { -1 }, coming: extents.iter().collect(), there: Vec::new() };
+        let sense = needed.sense;
+        needed.coming.sort_by_key(|extent| std::cmp::Reverse(extent.way(sense)[0]));
+        needed
+    }
+
+    /// The bricks of a slice, which lies behind those that were asked for.
+    pub fn by(&mut self, slice: i32) -> impl Iterator<Item = usize> {
+        let place = self.sense * slice;
+        self.there.retain(|(end, _)| *end >= place);
+        while let Some(extent) = self.coming.pop_if(|extent| extent.way(self.sense)[0] <= place) {
+            let [_, end] = extent.way(self.sense);
+            if end >= place {
+                self.there.push((end, extent.brick));
+            }
+        }
+        self.there.iter().map(|(_, brick)| *brick)
+    }
+
+    /// How many one slice needs at most.
+    #[must_use]
+    pub fn most(extents: &[BrickExtent], [from, to]: [i32; 2]) -> usize {
+        let [first, last] = [from.min(to), from.max(to)];
+        // By how many more a slice needs than the one before.
+        let mut more = vec![0_i64; (last - first) as usize + 2];
+        for extent in extents {
+            let slices = extent.slices();
+            let [start, end] = [(*slices.start()).max(first), (*slices.end()).min(last)];
+            if start <= end {
+                more[(start - first) as usize] += 1;
+                more[(end - first) as usize + 1] -= 1;
+            }
+        }
+        let sums = more.iter().scan(0, |sum, more| {
+            *sum += more;
+            Some(*sum)
+        });
+        sums.max().unwrap_or(0) as usize
+    }
 }
 
 /// From which pixel to which a convex body is seen, to the right and down: nowhere where all of it lies behind the eye, everywhere
@@ -135,6 +198,33 @@ mod tests {
         let [left, right] = tile.halves().expect("is larger than a pixel");
         assert_eq!([left, right], [Tile { high: [4, 5], ..tile }, Tile { low: [4, 3], ..tile }]);
         assert_eq!(Tile { low: [2, 3], high: [3, 4] }.halves(), None);
+    }
+
+    #[test]
+    fn bricks_are_told_slice_by_slice() {
+        let random = |index: usize| (index * 2_654_435_761) % 97;
+        let extents: Vec<_> = (0..60)
+            .map(|brick| {
+                let low = random(brick) as f32 - 20.0;
+                let numbers = [low, low + random(brick + 60) as f32 / 5.0];
+                BrickExtent { brick, numbers, pixels: [[0.0; 2]; 2] }
+            })
+            .collect();
+        for ends @ [from, to] in [[0, 50], [50, 0], [7, 7], [-30, 100]] {
+            let step = if from <= to { 1 } else { -1 };
+            let (mut needed, mut most) = (Needed::new(&extents, ends), 0);
+            for slice in (0..=(to - from).abs()).map(|index| from + step * index) {
+                let expected: Vec<_> = extents.iter().filter(|extent| extent.slices().contains(&slice)).collect();
+                most = most.max(expected.len());
+                // Not all slices need be asked for.
+                if slice % 3 == 0 {
+                    let mut found: Vec<_> = needed.by(slice).collect();
+                    found.sort_unstable();
+                    assert_eq!(found, expected.iter().map(|extent| extent.brick).collect::<Vec<_>>(), "{slice}");
+                }
+            }
+            assert_eq!(Needed::most(&extents, ends), most);
+        }
     }
 
     /// Against rays followed in small steps: no brick on a sample's way is left out, and most others are.

@@ -18,7 +18,7 @@ use super::bindings::{Bindings, Pass, attachment, draw_rows, entry, float_textur
 use super::brick_atlas::BrickAtlas;
 use super::gpu::Gpu;
 use super::proxy_geometry::{ProxyGeometry, SliceVertex};
-use super::slice_bricks::{BrickExtent, Tile};
+use super::slice_bricks::{BrickExtent, Needed, Tile};
 use super::target::Target;
 use super::volume_textures::too_large;
 use crate::frame::Frame;
@@ -75,18 +75,9 @@ impl Slices {
         }
     }
 
-    /// For each slice the bricks of a tile that it needs.
-    fn needed(&self, extents: &[BrickExtent]) -> Vec<Vec<usize>> {
-        let numbers = || self.slices.iter().map(|(number, _)| *number);
-        let (Some(first), Some(last)) = (numbers().min(), numbers().max()) else { return Vec::new() };
-        let mut by_number = vec![Vec::new(); (last - first) as usize + 1];
-        for extent in extents {
-            let slices = extent.slices();
-            for number in (*slices.start()).max(first)..=(*slices.end()).min(last) {
-                by_number[(number - first) as usize].push(extent.brick);
-            }
-        }
-        numbers().map(|number| std::mem::take(&mut by_number[(number - first) as usize])).collect()
+    /// The numbers of the first and the last; `None` where there are none.
+    fn ends(&self) -> Option<[i32; 2]> {
+        Some([self.slices.first()?.0, self.slices.last()?.0])
     }
 }
 
@@ -183,12 +174,12 @@ impl SliceBlending {
             drawable.iter().map(|&brick| BrickExtent::new(brick, atlas.start(brick), frame, slicing)).collect();
         let slices = Slices::new(frame, slicing);
         let mut tiles = vec![(tile, extents)];
-        while let Some((tile, mut extents)) = tiles.pop() {
+        while let (Some(ends), Some((tile, mut extents))) = (slices.ends(), tiles.pop()) {
             extents.retain(|extent| extent.is_in(tile));
-            let needed = slices.needed(&extents);
-            let most = needed.iter().map(Vec::len).max().unwrap_or(0);
+            let most = Needed::most(&extents, ends);
             if most <= atlas.room() {
-                self.draw_tile(gpu, bind_group, (&slices, &needed), atlas, (tile, watch))?;
+                let needed = Needed::new(&extents, ends);
+                self.draw_tile(gpu, bind_group, (&slices, needed), atlas, (tile, watch))?;
             } else if let Some(halves) = tile.halves() {
                 tiles.extend(halves.map(|half| (half, extents.clone())));
             } else {
@@ -216,12 +207,16 @@ impl SliceBlending {
         &mut self,
         gpu: &Gpu,
         bind_group: &BindGroup,
-        (slices, needed): (&Slices, &[Vec<usize>]),
+        (slices, mut needed): (&Slices, Needed<'_>),
         atlas: &mut BrickAtlas,
         (tile, watch): (Tile, &Watch),
     ) -> Result<()> {
         let mut run = Run::default();
-        for ((_, vertices), bricks) in slices.slices.iter().zip(needed).filter(|(_, bricks)| !bricks.is_empty()) {
+        for (number, vertices) in &slices.slices {
+            let bricks: Vec<_> = needed.by(*number).collect();
+            if bricks.is_empty() {
+                continue;
+            }
             let more = bricks.iter().filter(|brick| !run.bricks.contains(brick)).count();
             let is_next = run.vertices.end == vertices.start;
             let is_full = run.bricks.len() + more > atlas.room() || run.vertices.len() >= MOST_VERTICES;
