@@ -21,11 +21,9 @@ pub enum Error {
         /// Which limit, and by how much.
         reason: String,
     },
-    /// The device cannot hold normals that are compressed.
-    #[error("normals cannot be compressed on {device}: {reason}; leave `--normals` out")]
+    /// Normals cannot be held compressed.
+    #[error("normals cannot be compressed: {reason}; leave `--normals` out")]
     Normals {
-        /// The device's name.
-        device: String,
         /// Why not.
         reason: String,
     },

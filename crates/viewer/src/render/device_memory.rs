@@ -40,10 +40,7 @@ impl Normals {
         if self == Self::Exact || gpu.has_compressed_volumes() {
             return Ok(());
         }
-        Err(self.refused(gpu, "it has no 3D textures of BC5 (texture-compression-bc-sliced-3d)"))
-    }
-
-    pub(super) fn refused(self, gpu: &Gpu, reason: &str) -> Error {
-        Error::Normals { device: gpu.name.clone(), reason: reason.to_owned() }
+        let reason = format!("{} has no 3D textures of BC5 (texture-compression-bc-sliced-3d)", gpu.name);
+        Err(Error::Normals { reason })
     }
 }

@@ -69,10 +69,11 @@ impl VolumeTextures {
             let fits = is_short && budget.is_none_or(|budget| compressed_bytes(dims) <= budget);
             return match source {
                 TexelSource::Memory(volume) if fits => WholeVolume::compressed(gpu, volume).map(Self::Whole),
-                _ => Err(memory.normals.refused(
-                    gpu,
-                    "there is no room for all of the volume (--gpu-memory gives more), and bricks have exact ones",
-                )),
+                _ => Err(Error::Normals {
+                    reason: "they are where all of the volume is on the GPU, and there is room for less (--gpu-memory \
+                             gives more)"
+                        .to_owned(),
+                }),
             };
         }
         let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;

@@ -81,7 +81,7 @@ fn bricks_with_compressed_normals_are_refused() {
     let Some(gpu) = compressing_gpu_or_skip("bricks_with_compressed_normals_are_refused") else { return };
     let volume = Arc::new(Phantom::ball().texels());
     let message = refusal(&gpu, &volume, DeviceMemory { most: Some(300_000), ..COMPRESSED });
-    assert!(message.contains("bricks") && message.contains("leave `--normals` out"), "{message}");
+    assert!(message.contains("--gpu-memory") && message.contains("leave `--normals` out"), "{message}");
 }
 
 #[test]
