@@ -3,6 +3,8 @@
 mod cli;
 
 use std::process::ExitCode;
+#[cfg(unix)]
+use std::sync::Arc;
 
 use clap::Parser;
 use voxrole_preprocess::console::tell;
@@ -16,6 +18,10 @@ fn main() -> ExitCode {
         cli::say_interrupted();
         std::process::exit(130);
     });
+    #[cfg(unix)]
+    // Told by a signal, which would end the program, writers would not come to say what is kept. It cannot fail: a signal that can
+    // be caught is caught.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
     match cli::run(&cli::args::Cli::parse().command) {
         Ok(code) => code,
         Err(error) => {

@@ -270,7 +270,7 @@ fn in_blocks(
 fn too_little(memory: u64, at: &str, least: u64) -> Error {
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     Error::Parameter(format!(
-        "--memory {:.1} MiB: the smallest block takes {at}{} MiB with these settings; give more than that, or a shorter --dmax",
+        "--memory {:.1} MiB: the smallest block takes {at}{} MiB with these settings; give more than that, or prepare it with a shorter --dmax",
         mib(memory),
         mib(least).ceil()
     ))

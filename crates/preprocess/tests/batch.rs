@@ -246,3 +246,16 @@ fn a_single_volume_tells_json_lines_too() {
     let output = workplace.run("prepare bad.nrrd -o bad.vxr");
     assert!(output.status.code() == Some(1) && errors(&output).starts_with("voxrole: bad.nrrd: "));
 }
+
+/// As schedulers set one.
+#[cfg(unix)]
+#[test]
+fn a_limit_of_file_sizes_is_an_error() {
+    let workplace = Workplace::new();
+    let line = format!("ulimit -f 8; exec {} prepare a.nrrd -o a.vxr", env!("CARGO_BIN_EXE_voxrole"));
+    let output = Command::new("sh").args(["-c", &line]).current_dir(workplace.path(".")).output().expect("runs");
+    let said = errors(&output);
+    assert!(output.status.code() == Some(1) && said.contains("a.vxr: File too large"), "{said}");
+    let names = workplace.names(".");
+    assert!(names.iter().all(|name| !name.contains(".vxr")), "{names:?}");
+}

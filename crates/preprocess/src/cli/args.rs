@@ -27,6 +27,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Compute the voxel roles of volumes and pack each into a file.
+    #[command(allow_negative_numbers = true)]
     Prepare(PrepareArgs),
     /// Say what a packed file holds.
     Info(InfoArgs),
@@ -139,7 +140,8 @@ pub struct PrepareArgs {
     pub skip_existing: bool,
     /// Write seconds and counts of the run as JSON: an object, or with several volumes an array of one object each, which
     /// is {"input", "error"} where a volume failed, {"input", "skipped"} where it was left out and a report that is replaced
-    /// has nothing of it, and {"input", "interrupted"} where the command was interrupted before.
+    /// has nothing of it, and {"input", "interrupted"} where the command ended before; it is written anew
+    /// after each volume.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// How to tell on standard error how far it is [default: bar on a terminal, else lines].

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, anyhow, ensure};
 use serde_json::{Value, json};
@@ -277,45 +277,73 @@ static SO_FAR: Mutex<Option<SoFar>> = Mutex::new(None);
 
 struct SoFar {
     tasks: Vec<Task>,
+    /// What is known of each.
+    states: Vec<State>,
+    /// Where the report is to be written.
     report: Option<PathBuf>,
-    /// The columns of each that is done, and its entry.
-    done: Vec<Option<(String, Value)>>,
 }
 
-/// Takes note of the tasks of a run, none of which is done, and of the report that is to be written.
-pub fn begin(tasks: &[Task], report: Option<&Path>) {
-    let (done, report) = (vec![None; tasks.len()], report.map(Path::to_owned));
-    *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(SoFar { tasks: tasks.to_vec(), report, done });
+/// What is known of a task.
+struct State {
+    /// Its columns in the table, once it is done.
+    columns: Option<String>,
+    has_failed: bool,
+    /// Its entry in the report.
+    entry: Value,
 }
 
-/// Takes note of what came of a task.
-pub fn note(task: &Task, outcome: &Outcome) {
-    if let Some(SoFar { tasks, done, .. }) = &mut *SO_FAR.lock().unwrap_or_else(PoisonError::into_inner)
+/// Takes note of the tasks of a run, none of which is done, of the report that is to be written, and of what there is in it.
+pub fn begin(tasks: &[Task], report: Option<&Path>, reports: &[Value]) {
+    let state = |task: &Task| {
+        let interrupted = || json!({ "input": named(&task.input), "interrupted": true });
+        State { columns: None, has_failed: false, entry: report_of(task, reports).unwrap_or_else(interrupted) }
+    };
+    let states = tasks.iter().map(state).collect();
+    *so_far() = Some(SoFar { tasks: tasks.to_vec(), states, report: report.map(Path::to_owned) });
+}
+
+/// Takes note of what came of a task, also in the report on several.
+///
+/// # Errors
+/// When the report cannot be written.
+pub fn note(task: &Task, outcome: &Outcome) -> anyhow::Result<()> {
+    if let Some(SoFar { tasks, states, .. }) = &mut *so_far()
         && let Some(index) = tasks.iter().position(|of| of.output == task.output)
     {
-        done[index] = Some((columns_of(outcome), entry(task, outcome)));
+        let (columns, has_failed) = (Some(columns_of(outcome)), outcome.is_err());
+        states[index] = State { columns, has_failed, entry: entry(task, outcome) };
     }
+    write_report()
 }
 
 /// The table of a run of several tasks that is not over.
 pub fn table_so_far() -> Option<String> {
-    let so_far = SO_FAR.lock().unwrap_or_else(PoisonError::into_inner);
-    let SoFar { tasks, done, .. } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
-    let mut text = lines(tasks, done.iter().map(|done| done.as_ref().map(|(columns, _)| columns.clone())));
-    let count = done.iter().flatten().count();
-    let _ = writeln!(text, "{}: {count} done, {} not", volumes(tasks), tasks.len() - count);
+    let so_far = so_far();
+    let SoFar { tasks, states, .. } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
+    let mut text = lines(tasks, states.iter().map(|state| state.columns.clone()));
+    let failed = states.iter().filter(|state| state.has_failed).count();
+    let left = states.iter().filter(|state| state.columns.is_none()).count();
+    let done = tasks.len() - failed - left;
+    let _ = writeln!(text, "{}: {done} done, {failed} failed, {left} not done", volumes(tasks));
     Some(text)
 }
 
-/// The report of a run of several tasks that is not over, and where it is to be written.
-pub fn report_so_far() -> Option<(PathBuf, Value)> {
-    let so_far = SO_FAR.lock().unwrap_or_else(PoisonError::into_inner);
-    let SoFar { tasks, report, done } = so_far.as_ref().filter(|so_far| so_far.tasks.len() > 1)?;
-    let entries = tasks.iter().zip(done).map(|(task, done)| match done {
-        Some((_, entry)) => entry.clone(),
-        None => json!({ "input": named(&task.input), "interrupted": true }),
-    });
-    Some((report.clone()?, entries.collect()))
+/// Writes the report of a run of several tasks that is not over: it may end at any time.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_report() -> anyhow::Result<()> {
+    // One at a time: a later report must not be replaced by an earlier one.
+    if let Some(SoFar { tasks, states, report: Some(report) }) = &*so_far()
+        && tasks.len() > 1
+    {
+        super::write_json(report, &states.iter().map(|state| &state.entry).collect::<Vec<_>>())?;
+    }
+    Ok(())
+}
+
+fn so_far() -> MutexGuard<'static, Option<SoFar>> {
+    SO_FAR.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn file_name(path: &Path) -> String {
@@ -353,23 +381,29 @@ mod tests {
     fn an_interrupted_run_has_a_table_and_a_report_of_what_was_done() {
         let inputs = ["a.nrrd", "b.nrrd", "c.nrrd"].map(PathBuf::from);
         let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
-        begin(&tasks[..1], None);
+        begin(&tasks[..1], None, &[]);
         assert_eq!(table_so_far(), None, "one volume needs no table");
-        begin(&tasks, Some(Path::new("r.json")));
-        note(&tasks[2], &Ok(Done::Skipped(None)));
-        note(&tasks[0], &Err(anyhow!("is\ndamaged")));
+        let folder = tempfile::tempdir().expect("a folder");
+        let report = folder.path().join("r.json");
+        let before = json!({ "input": "b.nrrd", "counts": { "voxels": 7 } });
+        begin(&tasks, Some(&report), std::slice::from_ref(&before));
+        note(&tasks[2], &Ok(Done::Skipped(None))).expect("is written");
+        note(&tasks[0], &Err(anyhow!("is\ndamaged"))).expect("is written");
         let table = table_so_far().expect("there are several");
         let lines: Vec<&str> = table.lines().skip(1).collect();
-        let expected =
-            ["a.nrrd  error: is damaged", "b.nrrd  not done", "c.nrrd  was there already", "3 volumes: 2 done, 1 not"];
+        let expected = [
+            "a.nrrd  error: is damaged",
+            "b.nrrd  not done",
+            "c.nrrd  was there already",
+            "3 volumes: 1 done, 1 failed, 1 not done",
+        ];
         assert_eq!(lines, expected);
-        let (path, report) = report_so_far().expect("was asked for");
         let expected = json!([
             { "input": "a.nrrd", "error": "is\ndamaged" },
-            { "input": "b.nrrd", "interrupted": true },
+            before,
             { "input": "c.nrrd", "skipped": true },
         ]);
-        assert_eq!((path.as_path(), report), (Path::new("r.json"), expected));
+        assert_eq!(serde_json::from_slice::<Value>(&fs::read(report).expect("is there")).expect("is JSON"), expected);
     }
 
     #[test]

@@ -18,6 +18,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail, ensure};
 use args::Command;
+use serde::Serialize;
 use voxrole_pack::{Reader, atomic_file};
 use voxrole_preprocess::console;
 use voxrole_preprocess::usage::check_extension;
@@ -42,27 +43,27 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
 
 /// Says what an interrupt left, and of several volumes which are done.
 pub fn say_interrupted() {
-    if let Some(table) = batch::table_so_far() {
-        // Whatever standard output is, the program ends.
-        let _ = print(&table);
-        if let Some((path, report)) = batch::report_so_far() {
-            let written =
-                serde_json::to_vec_pretty(&report).map_err(Into::into).and_then(|report| write(&path, &report));
-            if let Err(error) = written {
-                terminal::say_last(&format!("{error:#}"));
-            }
-        }
-        terminal::say_last("the same command with --skip-existing leaves out the volumes that are done");
-    }
+    let table = batch::table_so_far();
     let kept = voxrole_pack::unfinished::kept();
-    if kept.is_empty() {
-        terminal::say_last("interrupted; nothing is kept of what was being done, what was finished before is there");
-    }
+    terminal::say_last(match (kept.is_empty(), table.is_some()) {
+        (true, true) => "interrupted; nothing is kept of what was being done",
+        (true, false) => {
+            "interrupted; nothing is kept of what fits into memory as a whole: with less --memory a run goes block by block, \
+             and goes on"
+        }
+        (false, _) => "interrupted",
+    });
     for path in kept {
         let path = path.display();
-        terminal::say_last(&format!(
-            "interrupted; what is done is kept in {path}: the same command goes on from there"
-        ));
+        terminal::say_last(&format!("what is done is kept in {path}: the same command goes on from there"));
+    }
+    if let Some(table) = table {
+        // Whatever standard output is, the program ends.
+        let _ = print(&table);
+        if let Err(error) = batch::write_report() {
+            terminal::say_last(&format!("{error:#}"));
+        }
+        terminal::say_last("the same command with --skip-existing leaves out the volumes that are done");
     }
 }
 
@@ -109,4 +110,10 @@ fn print(text: &str) -> anyhow::Result<()> {
 
 fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     atomic_file::write(path, bytes).with_context(|| format!("writing {}", path.display()))
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
+    let mut json = serde_json::to_vec_pretty(value)?;
+    json.push(b'\n');
+    write(path, &json)
 }

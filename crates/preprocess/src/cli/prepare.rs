@@ -51,8 +51,9 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let work = |task: &Task| {
         if args.skip_existing && task.output.exists() {
             // What cannot be opened was not finished by this program.
-            let opened =
-                super::open(&task.output).context("--skip-existing takes this for finished: delete it if it is not");
+            let opened = super::open(&task.output).context(
+                "--skip-existing finds this in place of a finished file: delete it to prepare the volume anew",
+            );
             return opened.map(|_| Done::Skipped(batch::report_of(task, &before)));
         }
         pool.install(|| {
@@ -61,13 +62,18 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
             batch::check_files(&tasks, args.report.as_deref(), file.files())?;
             file.notes().iter().for_each(|note| terminal.note(&task.input, note));
             let report = prepare_file(file, &settings, memory, &task.output, &*progress);
-            let report = report.with_context(|| format!("preparing {}{share}", task.input.display()));
+            let report = report.map_err(|error| {
+                let share = if matches!(error, Error::Parameter(_)) { share.as_str() } else { "" };
+                anyhow::Error::from(error).context(format!("preparing {}{share}", task.input.display()))
+            });
             report.map(|report| Done::prepared(report, task)).map_err(|error| with_way_on(error, &task.output))
         })
     };
-    batch::begin(&tasks, args.report.as_deref());
+    batch::begin(&tasks, args.report.as_deref(), &before);
     let outcomes = batch::run(&tasks, jobs, work, |task, outcome| {
-        batch::note(task, outcome);
+        if let Err(error) = batch::note(task, outcome) {
+            terminal.note(&task.input, &format!("{error:#}"));
+        }
         match outcome {
             Ok(Done::Prepared(report)) => terminal.done(&task.input, &task.output, report),
             Ok(Done::Skipped(_)) => terminal.skipped(&task.input, &task.output),
@@ -116,7 +122,7 @@ fn conclude(args: &PrepareArgs, tasks: &[Task], outcomes: &[Outcome], terminal: 
     };
     // First what is asked for by name: printing may fail.
     if let Some((path, report)) = args.report.as_ref().zip(report) {
-        super::write(path, &serde_json::to_vec_pretty(&report)?)?;
+        super::write_json(path, &report)?;
     }
     super::print(&summary)?;
     let tally = Tally::new(outcomes);

@@ -79,7 +79,12 @@ pub fn write_header(
     writeln!(out, "space directions: {}{}", if vector { "none " } else { "" }, steps.join(" "))?;
     writeln!(out, "kinds: {}domain domain domain", if vector { "vector " } else { "" })?;
     if !geometry.unit.is_empty() {
-        let unit = geometry.unit.replace(char::is_control, " ").replace('\\', "\\\\").replace('"', "\\\"");
+        let unit = match geometry.unit.as_str() {
+            // Readers take headers for ASCII: of µm they would make metres.
+            "\u{b5}m" | "\u{3bc}m" => "um",
+            unit => unit,
+        };
+        let unit = unit.replace(char::is_control, " ").replace('\\', "\\\\").replace('"', "\\\"");
         writeln!(out, "space units: \"{unit}\" \"{unit}\" \"{unit}\"")?;
     }
     let [x, y, z] = geometry.origin.map(|coordinate| coordinate + 0.0);

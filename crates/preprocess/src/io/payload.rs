@@ -15,6 +15,7 @@ use voxrole_pack::{ScalarType, Scalars};
 
 use super::pick::Picks;
 use super::raw::{ByteOrder, StoredType};
+use super::slabs::no_room;
 use super::stored_voxels::StoredVoxels;
 use crate::{Error, Result};
 
@@ -284,7 +285,8 @@ impl<'a> Decoding<'a> {
 
     /// Writes all numbers to a file in `folder`, as they are stored.
     fn copy_to(&mut self, file: &mut File, folder: &Path) -> Result<()> {
-        self.each_chunk(|_, chunk| file.write_all(chunk).map_err(Error::io(folder)))
+        let bytes = self.payload.volume_bytes();
+        self.each_chunk(|_, chunk| file.write_all(chunk).map_err(|error| no_room(folder, bytes, error)))
     }
 
     /// Hands the volume's own numbers to `consume`, as they are stored.

@@ -69,9 +69,17 @@ pub(super) fn read(slabs: &dyn Slabs, dims: [usize; 3]) -> Result<Scalars> {
 /// As [`read`]; [`Error::Io`] when `folder` cannot be written to.
 pub(super) fn stored(slabs: &dyn Slabs, dims: [usize; 3], folder: &Path) -> Result<StoredVoxels> {
     let mut file: File = tempfile::tempfile_in(folder).map_err(Error::io(folder))?;
-    counted(slabs, dims, &mut |bytes| file.write_all(bytes).map_err(Error::io(folder)))?;
+    let bytes = dims.iter().product::<usize>() as u64 * slabs.scalar_type().size_in_bytes() as u64;
+    counted(slabs, dims, &mut |part| file.write_all(part).map_err(|error| no_room(folder, bytes, error)))?;
     let stored = StoredType { scalar_type: slabs.scalar_type(), byte_order: ByteOrder::Little };
     Ok(StoredVoxels { file, paths: slabs.files().to_vec(), offset: 0, dims, stored })
+}
+
+/// Where all numbers cannot be put into a temporary file.
+pub(super) fn no_room(folder: &Path, bytes: u64, error: std::io::Error) -> Error {
+    let reason =
+        format!("unpacking the input into a temporary file of {bytes} bytes, as little --memory asks for: {error}");
+    Error::io(folder)(std::io::Error::new(error.kind(), reason))
 }
 
 /// Decodes, and makes sure that there are as many numbers as voxels.

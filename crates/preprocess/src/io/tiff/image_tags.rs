@@ -159,6 +159,9 @@ pub fn broken(path: &Path, error: TiffError) -> Error {
                  ImageJ/Fiji"
             ),
         ),
+        TiffError::IoError(_) => {
+            Error::format(path, "expected whole TIFF pages, found the file's end before: it is cut short")
+        }
         error => Error::format(path, format!("expected whole TIFF pages, found: {error}")),
     }
 }

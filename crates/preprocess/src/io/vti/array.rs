@@ -227,7 +227,7 @@ impl StoredArray {
         let expected = self.bytes;
         match error.kind() {
             ErrorKind::UnexpectedEof => {
-                self.fail(format!("expected an array of {expected} bytes, found its end before"))
+                self.fail(format!("expected an array of {expected} bytes, found its end before: the file is cut short"))
             }
             ErrorKind::InvalidData | ErrorKind::InvalidInput => {
                 self.fail(format!("expected an array of {expected} bytes, found damage: {error}"))
