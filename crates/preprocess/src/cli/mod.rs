@@ -68,7 +68,15 @@ pub fn say_interrupted() {
 }
 
 fn open(path: &Path) -> anyhow::Result<Reader> {
-    Reader::open(path).with_context(|| path.display().to_string())
+    let is_unfinished = path.extension().is_some_and(|extension| extension == "unfinished");
+    Reader::open(path).with_context(|| {
+        let what = if is_unfinished {
+            ": what a run keeps that is not complete; the same command goes on from there"
+        } else {
+            ""
+        };
+        format!("{}{what}", path.display())
+    })
 }
 
 /// Checks before any work is done that an output can be written, is none of the inputs, and is named as what it will be.

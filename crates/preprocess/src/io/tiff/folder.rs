@@ -33,11 +33,8 @@ pub fn single_page(path: &Path, first: Option<(&PathBuf, &ImageTags)>) -> Result
     }
     match first {
         Some((other, tags)) if *tags != pages.tags => {
-            let message = format!(
-                "expected the size and type of {}, found {:?} instead of {tags:?}",
-                other.display(),
-                pages.tags
-            );
+            let message =
+                format!("expected the size and type of {}, found {} instead of {tags}", other.display(), pages.tags);
             Err(Error::format(path, message))
         }
         _ => Ok(pages),

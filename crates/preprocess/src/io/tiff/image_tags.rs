@@ -1,5 +1,6 @@
 //! Pages of a TIFF file: what each holds, and where.
 
+use std::fmt;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -38,6 +39,23 @@ pub struct ImageTags {
     pub compression: u16,
     /// 0 where white is zero.
     pub photometric: u16,
+}
+
+impl fmt::Display for ImageTags {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, scalar_type, byte_order, bits, samples, is_planar, compression, photometric } = self;
+        let order = match byte_order {
+            ByteOrder::Little => "little",
+            ByteOrder::Big => "big",
+        };
+        let planes = if *is_planar { ", in planes" } else { "" };
+        write!(
+            formatter,
+            "{width} x {height} pixels of {samples} x {} ({bits} bits, {order} endian{planes}; compression {compression}, \
+             photometric interpretation {photometric})",
+            scalar_type.name()
+        )
+    }
 }
 
 impl ImageTags {
@@ -90,7 +108,7 @@ impl Pages {
                 let found = image_tags(path, &mut decoder)?;
                 if found != tags {
                     let message = format!(
-                        "page {index}: expected the first page's size and type, found {found:?} instead of {tags:?}"
+                        "page {index}: expected the first page's size and type, found {found} instead of {tags}"
                     );
                     return Err(Error::format(path, message));
                 }
