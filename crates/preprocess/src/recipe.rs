@@ -38,7 +38,7 @@ const MOST_FAINT_VOXELS: f64 = 0.01;
 /// Voxels by which it is judged what smoothing left of the noise, and what range its derivatives have.
 const NOISE_VOXELS: usize = 1 << 20;
 /// Voxels of the slabs in which noise is estimated.
-const SLAB_VOXELS: usize = 1 << 22;
+const SLAB_VOXELS: usize = 3 << 20;
 
 /// Everything that the roles of a volume depend on beside its voxels nearby.
 pub struct Recipe<'a> {

@@ -18,6 +18,8 @@ use crate::working_field::{WorkingField, voxels};
 const BINS: usize = 256;
 /// Voxels that a bin must have: the quartile of so many gradients is right to 3 %.
 const LEAST_VOXELS: usize = 1 << 10;
+/// Slices whose voxels are asked together.
+const SLICES: usize = 8;
 /// The shares of a bin's gradients that are compared with those of noise: the lower ones, because edges are steep.
 const SHARES: [f64; 3] = [0.1, 0.25, 0.5];
 /// Which gradients stay below these shares where each of one, two or three components is normal of deviation 1: quantiles of
@@ -97,9 +99,7 @@ impl ValueNoise {
         let mut components = 0;
         for field in fields {
             components = components.max(field.dims().into_iter().filter(|&dim| dim > 1).count());
-            for Witness { bin, gradient, residual } in found.witnesses(field, settings, sigmas, noise)? {
-                bins[bin].push([gradient, residual]);
-            }
+            found.ask(field, settings, sigmas, noise, &mut bins)?;
         }
         if components > 0 {
             for (factor, bin) in found.factors.iter_mut().zip(&mut bins) {
@@ -138,14 +138,15 @@ impl ValueNoise {
         runs.collect()
     }
 
-    /// What every voxel says of the noise, but for those with no gradient or nothing left by the masks: padding.
-    fn witnesses(
+    /// Adds to the bins what every voxel says of the noise, but for those with no gradient or nothing left by the masks: padding.
+    fn ask(
         &self,
         field: &mut WorkingField,
         settings: &Settings,
         sigmas: &[f32],
         noise: f32,
-    ) -> Result<Vec<Witness>> {
+        bins: &mut [Vec<[f32; 2]>; BINS],
+    ) -> Result<()> {
         let dims @ [nx, ny, _] = field.dims();
         let (derivatives, _) = differentiate(field, settings.kernel, settings.operator)?;
         let gradients = voxels(&derivatives.gradient_magnitude);
@@ -160,29 +161,30 @@ impl ValueNoise {
             let voxel = (z * ny + y) * nx + x;
             let gradient = gradients[voxel] / gradient_noise.at([x, y, z]);
             let residual = masks.residual(values, voxel) * per_noise;
-            let bin = self.bin(values[voxel]);
-            (gradient > 0.0 && residual > 0.0).then_some(Witness { bin, gradient, residual })
+            (gradient > 0.0 && residual > 0.0).then(|| (self.bin(values[voxel]), [gradient, residual]))
         };
-        Ok(along_z
-            .into_par_iter()
-            .flat_map_iter(|z| {
-                let (at, along_x) = (&at, along_x.clone());
-                along_y.clone().flat_map(move |y| along_x.clone().filter_map(move |x| at([x, y, z])))
-            })
-            .collect())
+        // Room for all of them, so that bins that grow take no more than that.
+        let mut counts = [0; BINS];
+        values.iter().for_each(|&value| counts[self.bin(value)] += 1);
+        bins.iter_mut().zip(counts).for_each(|(bin, count)| bin.reserve_exact(count));
+        // Some slices at a time, which take little memory beside the bins.
+        for first in along_z.clone().step_by(SLICES) {
+            let slices = first..(first + SLICES).min(along_z.end);
+            let said: Vec<(usize, [f32; 2])> = slices
+                .into_par_iter()
+                .flat_map_iter(|z| {
+                    let (at, along_x) = (&at, along_x.clone());
+                    along_y.clone().flat_map(move |y| along_x.clone().filter_map(move |x| at([x, y, z])))
+                })
+                .collect();
+            said.into_iter().for_each(|(bin, said)| bins[bin].push(said));
+        }
+        Ok(())
     }
 }
 
-/// What a voxel says of the noise around it, in multiples of the volume's.
-struct Witness {
-    bin: usize,
-    /// Gradient magnitude over the deviation of a component.
-    gradient: f32,
-    /// Magnitude of what the masks leave over its deviation.
-    residual: f32,
-}
-
-/// The factor of a bin whose voxels have these gradients and residuals.
+/// The factor of a bin whose voxels have these gradients, over the deviation of a component, and magnitudes of what the masks
+/// leave, over its deviation.
 fn factor_of(bin: &mut [[f32; 2]], quantiles: [f32; 3]) -> f32 {
     if bin.len() < LEAST_VOXELS {
         return 1.0;
