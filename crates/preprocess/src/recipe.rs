@@ -37,7 +37,7 @@ const MOST_FAINT: f64 = 0.1;
 const MOST_FAINT_VOXELS: f64 = 0.01;
 /// Voxels by which it is judged what smoothing left of the noise, and what range its derivatives have.
 const NOISE_VOXELS: usize = 1 << 20;
-/// Voxels of the slabs in which noise is estimated.
+/// Voxels of the slabs in which noise is estimated: as read and as working numbers few enough for runs with 64 MiB.
 const SLAB_VOXELS: usize = 3 << 20;
 
 /// Everything that the roles of a volume depend on beside its voxels nearby.

@@ -231,15 +231,16 @@ mod tests {
     #[test]
     fn every_brick_that_a_piece_of_a_ray_goes_through_is_told() {
         // On a coarse level what is drawn ends behind the last texel, here that of a last brick that is full.
-        for (dims, level, step) in [([150, 97, 70], 0, 3.0), ([516, 516, 388], 2, 0.25)] {
+        for (dims, level, step, parts) in [([150, 97, 70], 0, 3.0, 3), ([516, 516, 388], 2, 0.25, 2)] {
             let geometry = GridGeometry::axis_aligned(dims, [1.0, 1.5, 2.5]);
             let hit_gradient = HitGradientQuantization::new(0.0, 1.0, Precision::default());
             let volume = VolumeDescription::new(&geometry, 15.0, [0.0, 1.0], hit_gradient);
-            tells_every_brick(&VolumeDescription { level, ..volume }, step);
+            tells_every_brick(&VolumeDescription { level, ..volume }, step, parts);
         }
     }
 
-    fn tells_every_brick(volume: &VolumeDescription, step: f32) {
+    /// And of so many parts of all bricks one at most; there are few on a coarse level.
+    fn tells_every_brick(volume: &VolumeDescription, step: f32, parts: usize) {
         let dims = volume.texel_dims();
         let grid = dims.map(|dim: u32| (dim - 1).div_ceil(BRICK));
         for (technique, projection, zoom) in [
@@ -286,7 +287,7 @@ mod tests {
                     }
                 }
             }
-            assert!(met > 1000 && told * 2 < all, "{met} places, {told} of {all} bricks");
+            assert!(met > 1000 && told * parts < all, "{met} places, {told} of {all} bricks");
         }
     }
 }
