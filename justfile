@@ -88,6 +88,10 @@ peers-codecs +FILES:
 fuzz SECONDS *TARGETS:
     tests/fuzz/run.sh {{SECONDS}} {{TARGETS}}
 
+# Every change of a single byte of a packed file: `voxrole verify` must notice each of them; takes minutes.
+single-byte-changes:
+    cargo test --release -p voxrole-pack --test packed_file -- --ignored --nocapture every_value
+
 # Whole runs at 128³ to 1024³: time and peak memory, with a plot, into a folder (matplotlib; 5 GiB of disk).
 bench OUT:
     cargo build --release --no-default-features --bin voxrole

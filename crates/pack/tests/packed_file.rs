@@ -1,7 +1,10 @@
 //! Whole packed files: round trips, and files that are damaged or lie.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{Seek, SeekFrom, Write};
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
+use std::thread;
 
 use tempfile::TempDir;
 use voxrole_pack::directory::{Encoding, Place};
@@ -249,10 +252,11 @@ fn what_is_not_there_is_said() {
 fn fails(bytes: &[u8], folder: &Path) -> Option<Error> {
     let path = folder.join("damaged.vxr");
     fs::write(&path, bytes).expect("writes");
-    match Reader::open(&path) {
-        Ok(reader) => reader.verify().err(),
-        Err(error) => Some(error),
-    }
+    fault(&path)
+}
+
+fn fault(path: &Path) -> Option<Error> {
+    Reader::open(path).and_then(|reader| reader.verify()).err()
 }
 
 #[test]
@@ -275,6 +279,41 @@ fn every_damaged_byte_is_noticed() {
         damaged[place] ^= 1 << (place % 8);
         assert!(fails(&damaged, folder.path()).is_some(), "byte {place} of {}", whole.len());
     }
+}
+
+#[test]
+#[ignore = "takes minutes: `just single-byte-changes`"]
+fn every_value_of_every_byte_of_a_stored_file_is_noticed() {
+    let whole = fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1_ball.vxr")).expect("reads");
+    let parts = thread::available_parallelism().map_or(1, NonZero::get);
+    let unnoticed_in = |part: usize| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("damaged.vxr");
+        fs::write(&path, &whole).expect("writes");
+        let file = File::options().write(true).open(&path).expect("opens");
+        let put = |place: usize, value: u8| {
+            (&file).seek(SeekFrom::Start(place as u64)).expect("seeks");
+            (&file).write_all(&[value]).expect("writes");
+        };
+        let mut unnoticed = Vec::new();
+        for place in (part..whole.len()).step_by(parts) {
+            for value in (0..=u8::MAX).filter(|&value| value != whole[place]) {
+                put(place, value);
+                if fault(&path).is_none() {
+                    unnoticed.push((place, value));
+                }
+            }
+            put(place, whole[place]);
+        }
+        assert!(fault(&path).is_none(), "the file is whole again");
+        unnoticed
+    };
+    let unnoticed: Vec<_> = thread::scope(|scope| {
+        let threads: Vec<_> = (0..parts).map(|part| scope.spawn(move || unnoticed_in(part))).collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("ends")).collect()
+    });
+    println!("{} changes, {} of them unnoticed", 255 * whole.len(), unnoticed.len());
+    assert_eq!(unnoticed, []);
 }
 
 #[test]
