@@ -175,6 +175,20 @@ impl Samples {
         Some(Sample { along: 0.5 * (begin + end), step, half_step: self.half_step.min(0.5 * step) })
     }
 
+    /// The ends of what opacity is integrated along at a sample with a number, where it is. Where one ray's sample ends the
+    /// next one begins, without a rounding between.
+    #[must_use]
+    #[inline(always)]
+    pub fn ends(&self, count: f32, sample: &Sample) -> Option<[f32; 2]> {
+        if sample.half_step <= 0.0 {
+            return None;
+        }
+        if self.last.is_none() && count < self.whole {
+            return Some([count, count + 1.0].map(|count| self.start + (count + (self.share - 0.5)) * self.step));
+        }
+        Some([sample.along - sample.half_step, sample.along + sample.half_step])
+    }
+
     /// The step that ends at something opaque.
     fn cut_short(&self, count: f32) -> Option<Sample> {
         let [entry, exit] = self.interval;
@@ -265,6 +279,27 @@ mod tests {
                     assert!(met > 40, "{technique:?} {camera}: {met} rays");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_is_integrated_along_a_ray_begins_where_the_step_before_ends() {
+        let frame = frame(Technique::Rays, Camera::default(), [20, 12, 9], 0.3);
+        let (ray, share) = (frame.ray(16, 12), 0.7);
+        let interval = frame.interval(&ray);
+        for opaque in [f32::INFINITY, 0.5 * (interval.entry + interval.exit)] {
+            let samples = Samples::new(&frame, &ray, &interval, share, opaque);
+            let found = samples_of(&samples);
+            let mut end = None;
+            for (count, sample) in found.iter().enumerate() {
+                let ends = samples.ends(count as f32, sample).expect("is integrated");
+                let is_cut_short = opaque.is_finite() && count + 1 == found.len();
+                assert!(is_cut_short || end.is_none_or(|end| end == ends[0]), "{ends:?} after {end:?}");
+                let middle = 0.5 * (ends[0] + ends[1]);
+                assert!((middle - sample.along).abs() < 1e-4 && (ends[1] - ends[0] - sample.step).abs() < 1e-4);
+                end = Some(ends[1]);
+            }
+            assert!(found.len() > 10);
         }
     }
 

@@ -3,13 +3,10 @@
 // No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
 #![allow(clippy::needless_range_loop, reason = "see above")]
 
-use fearless_simd::{
-    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x8, i32x8, u16x8, u32x4, u32x8,
-};
+use fearless_simd::{Select, Simd, SimdBase, SimdInt, SimdMask, f32x8, u32x8};
 use glam::{UVec3, Vec3};
-use voxrole_pack::DistanceQuantization;
-use voxrole_pack::quantization::NO_NORMAL;
 
+use super::corners::{CORNERS, Corners, trilinear};
 use super::lanes::{exp_of_negative, sums};
 use super::roles::RoleLanes;
 use super::sampling::{RoleSample, Sampler, unit_or_zero};
@@ -66,20 +63,17 @@ impl<S: Simd> Cell<S> {
     #[inline(always)]
     fn read(&mut self, simd: S, sampler: &Sampler<'_>, base: UVec3, direction: Vec3) -> bool {
         let frame = sampler.frame;
-        let [low_words, high_words] = words(simd, sampler, base);
-        let stored = low_words.bitcast::<i32x8<S>>() >> 16;
-        let distance = stored.to_float::<f32x8<S>>() * frame.distance_scale;
-        let gradients = high_words & 0xffff;
+        let corners = Corners::read(simd, sampler, base);
+        let distance = corners.distances().to_float::<f32x8<S>>() * frame.distance_scale;
         // A plane's distance changes within the cell by no more than the cell's diagonal.
-        let near = stored.simd_gt(i32::from(DistanceQuantization::MASKED)) & distance.abs().simd_lt(frame.reach);
-        let near = near & gradients.simd_gt(0);
+        let near = corners.have_hit() & distance.abs().simd_lt(frame.reach);
         if !near.any_true() {
             return false;
         }
-        self.values = (low_words & 0xffff).to_float();
+        self.values = corners.values();
         let extent = [self.values.reduce_min() as u16, self.values.reduce_max() as u16];
         let [low, high] = value_bins(extent);
-        let rows: [u32; 8] = gradient_bins(simd, gradients).into();
+        let rows: [u32; 8] = gradient_bins(simd, corners.gradients()).into();
         let [mut first, mut last, mut bins] = [[0; 8]; 3];
         for lane in 0..8 {
             let row = sampler.roles.row(rows[lane]);
@@ -92,7 +86,7 @@ impl<S: Simd> Cell<S> {
         if !lit.any_true() {
             return false;
         }
-        self.normals = normals(simd, high_words >> 16);
+        self.normals = corners.normals(simd);
         let zero = f32x8::splat(simd, 0.0);
         let (mut slant, mut range) = (zero, zero);
         (self.distance, self.growth) = (distance, [zero; 3]);
@@ -181,20 +175,6 @@ impl<S: Simd> Cell<S> {
     }
 }
 
-/// The voxels at a cell's corners: value and distance, then gradient magnitude and normal, in the halves of 32 bits.
-#[inline(always)]
-fn words<S: Simd>(simd: S, sampler: &Sampler<'_>, base: UVec3) -> [u32x8<S>; 2] {
-    let rows = sampler.rows(base);
-    let mut pairs = [u32x4::splat(simd, 0); 4];
-    for row in 0..4 {
-        let pair = sampler.pair(rows[row]);
-        pairs[row] = u16x8::from_slice(simd, pair.as_flattened()).bitcast();
-    }
-    let (near, far) = (pairs[0].combine(pairs[1]), pairs[2].combine(pairs[3]));
-    let (low, high) = near.deinterleave(far);
-    [low, high]
-}
-
 /// As [`crate::classify::opacity::gradient_bin`], of numbers that are not 0.
 #[inline(always)]
 fn gradient_bins<S: Simd>(simd: S, stored: u32x8<S>) -> u32x8<S> {
@@ -204,45 +184,9 @@ fn gradient_bins<S: Simd>(simd: S, stored: u32x8<S>) -> u32x8<S> {
     (number + (number >> 16) + one) >> 16
 }
 
-/// As [`voxrole_pack::quantization::decode_normal`]; 0 for none.
-#[inline(always)]
-fn normals<S: Simd>(simd: S, stored: u32x8<S>) -> [f32x8<S>; 3] {
-    let words = stored.bitcast::<i32x8<S>>();
-    let bytes = [(words << 24) >> 24, (words << 16) >> 24];
-    let [x, y]: [f32x8<S>; 2] = [bytes[0].to_float::<f32x8<S>>() / 127.0, bytes[1].to_float::<f32x8<S>>() / 127.0];
-    let z = 1.0 - x.abs() - y.abs();
-    let is_upper = z.simd_ge(0.0);
-    let u = is_upper.select(x, (1.0 - y.abs()).copysign(x));
-    let v = is_upper.select(y, (1.0 - x.abs()).copysign(y));
-    let share = 1.0 / ((u * u + v * v) + z * z).sqrt();
-    let is_none = stored.simd_eq(u32::from(NO_NORMAL));
-    let zero = f32x8::splat(simd, 0.0);
-    [is_none.select(zero, u * share), is_none.select(zero, v * share), is_none.select(zero, z * share)]
-}
-
-/// Trilinear weights.
-#[inline(always)]
-fn trilinear<S: Simd>(simd: S, fraction: Vec3) -> f32x8<S> {
-    let mut weights = f32x8::splat(simd, 1.0);
-    for axis in 0..3 {
-        let corner = f32x8::from_slice(simd, &CORNERS[axis]);
-        // 1 − x, or x itself.
-        weights *= (1.0 - corner) + (corner + corner - 1.0) * fraction[axis];
-    }
-    weights
-}
-
-/// The cell's corners, x fastest: where they lie along each axis.
-const CORNERS: [[f32; 8]; 3] = [
-    [0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0],
-    [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0],
-    [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0],
-];
-
 #[cfg(test)]
 mod tests {
     use fearless_simd::dispatch;
-    use voxrole_pack::quantization::decode_normal;
     use voxrole_preprocess::simd;
 
     use super::*;
@@ -256,22 +200,6 @@ mod tests {
             let bins: [u32; 8] =
                 dispatch!(simd::level(), simd => gradient_bins(simd, u32x8::from_slice(simd, &lanes)).into());
             assert_eq!(bins, stored.map(|stored| gradient_bin(stored) as u32));
-        }
-    }
-
-    #[test]
-    fn every_stored_normal_is_its_vector() {
-        for first in (0..=u16::MAX).step_by(8) {
-            let lanes: [u32; 8] = std::array::from_fn(|lane| u32::from(first) + lane as u32);
-            let [x, y, z]: [[f32; 8]; 3] = dispatch!(simd::level(), simd => {
-                let [x, y, z] = normals(simd, u32x8::from_slice(simd, &lanes));
-                [x.into(), y.into(), z.into()]
-            });
-            for lane in 0..8 {
-                let expected = decode_normal(lanes[lane] as u16).unwrap_or(Vec3::ZERO);
-                let found = Vec3::new(x[lane], y[lane], z[lane]);
-                assert!((found - expected).abs().max_element() < 2e-7, "{}: {found} {expected}", lanes[lane]);
-            }
         }
     }
 }

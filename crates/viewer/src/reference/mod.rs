@@ -4,12 +4,13 @@
 //! `shading.wgsl`, and the loop below is `compositing.wgsl`. Pictures of the two differ by rounding alone.
 
 pub mod cell;
+mod corners;
 mod lanes;
 mod occlusion;
 pub mod roles;
 pub mod sampling;
 pub mod shading;
-pub mod value;
+mod value;
 
 use std::sync::Arc;
 
@@ -35,7 +36,7 @@ use occlusion::Darkening;
 use roles::Roles;
 use sampling::{RoleSample, Sampler};
 use shading::Lighting;
-use value::ByValue;
+use value::{ByValue, ValueSampler};
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
@@ -234,7 +235,8 @@ impl<'a> RayMarcher<'a> {
     ) -> PixelLight {
         let frame = &self.frame;
         let sampler = self.sampler();
-        let (by_value, occupancy) = (self.by_value(), self.tables.occupancy());
+        let occupancy = self.tables.occupancy();
+        let mut by_value = self.by_value().map(|by_value| ValueSampler::new(simd, by_value));
         let mut cell = Cell::none(simd);
         let leaping = LeapingRay::new(frame, ray);
         let interval @ Interval { cut, .. } = frame.interval(ray);
@@ -246,8 +248,7 @@ impl<'a> RayMarcher<'a> {
             if light.is_opaque() {
                 break;
             }
-            let position = ray.origin + sample.along * ray.direction;
-            let place = sampler.place(position);
+            let place = sampler.place(ray.origin + sample.along * ray.direction);
             let empty = occupancy.map_or(0, |occupancy| occupancy.distance(place.0));
             if empty > 0 {
                 // To the first sample beyond all that is known to be empty.
@@ -255,8 +256,8 @@ impl<'a> RayMarcher<'a> {
                 continue;
             }
             counts.taken += 1;
-            let role = match &by_value {
-                Some(by_value) => sampler.sample_value(by_value, position, ray.direction, sample.half_step),
+            let role = match &mut by_value {
+                Some(by_value) => by_value.sample(simd, &sampler, place, ray, samples.ends(count, &sample)),
                 None if !cell.enter(simd, &sampler, place.0, ray.direction) => RoleSample::default(),
                 None => cell.sample(simd, &sampler, [place.1], sample.half_step)[0],
             };

@@ -11,10 +11,7 @@
 //! through 0 and draw a phantom sheet; a voxel without a hit contributes nothing; gradient magnitudes, which are labels,
 //! are never blended; and at a true boundary all planes agree, so that d passes through 0 there.
 
-use std::sync::LazyLock;
-
 use glam::{UVec3, Vec3};
-use voxrole_pack::quantization::decode_normal;
 
 use super::roles::Roles;
 use crate::frame::Frame;
@@ -36,7 +33,6 @@ pub struct Sampler<'a> {
     volume: &'a VolumeTexels,
     pub(super) roles: &'a Roles,
     pub(super) frame: &'a Frame,
-    all_normals: &'static [Vec3],
     last: UVec3,
     inverse_spacing: Vec3,
 }
@@ -46,7 +42,7 @@ impl<'a> Sampler<'a> {
     #[must_use]
     pub fn new(volume: &'a VolumeTexels, roles: &'a Roles, frame: &'a Frame) -> Self {
         let (last, inverse_spacing) = (UVec3::from_array(frame.dims) - 1, frame.spacing.recip());
-        Self { volume, roles, frame, all_normals: all_normals(), last, inverse_spacing }
+        Self { volume, roles, frame, last, inverse_spacing }
     }
 
     /// The cell of a place in the frame's space, by its lowest voxel, and where in it the place lies.
@@ -57,12 +53,6 @@ impl<'a> Sampler<'a> {
         let index = (position * self.inverse_spacing).clamp(Vec3::ZERO, last);
         let base = index.floor().min((last - 1.0).max(Vec3::ZERO));
         (base.as_uvec3(), index - base)
-    }
-
-    /// The unit vector of a stored normal, or 0 for none.
-    #[inline(always)]
-    pub(super) fn normal(&self, stored: u16) -> Vec3 {
-        self.all_normals[usize::from(stored)]
     }
 
     /// Where in the volume the rows of a cell's voxels begin, y fastest.
@@ -82,23 +72,6 @@ impl<'a> Sampler<'a> {
         let texels = &self.volume.texels;
         [texels[first], texels[first + usize::from(self.last.x > 0)]]
     }
-
-    /// The voxels at a cell's corners.
-    #[inline(always)]
-    pub(super) fn texels(&self, base: UVec3) -> [[u16; 4]; 8] {
-        let mut texels = [[0; 4]; 8];
-        for (pair, row) in texels.as_chunks_mut::<2>().0.iter_mut().zip(self.rows(base)) {
-            *pair = self.pair(row);
-        }
-        texels
-    }
-}
-
-/// Every normal that there is, by its stored form; 0 where that stands for none.
-fn all_normals() -> &'static [Vec3] {
-    static NORMALS: LazyLock<Vec<Vec3>> =
-        LazyLock::new(|| (0..=u16::MAX).map(|stored| decode_normal(stored).unwrap_or(Vec3::ZERO)).collect());
-    &NORMALS
 }
 
 /// A vector's direction, or 0 where opposite normals cancel.
