@@ -43,6 +43,11 @@ real-data REAL_DATA OUT:
     cargo build --release --bins
     tests/real_data.sh target/release {{REAL_DATA}} {{OUT}}
 
+# The pictures of docs/rendering.md and README, into a folder.
+pictures REAL_DATA OUT:
+    cargo build --release --no-default-features --bins
+    tests/pictures.sh target/release {{REAL_DATA}} {{OUT}}
+
 # What phantoms' samples give at best, by Fourier interpolation (numpy and pynrrd).
 peers-spectral:
     cargo build --release --bin voxrole
