@@ -230,6 +230,8 @@ fn usage_errors_exit_with_2() {
         "prepare a -o b --method best",
         "prepare a -o b --derivative central3",
         "prepare a -o b --reconstruction smooth",
+        "prepare Cargo.toml -o -",
+        "phantom ball --dims 4,4,4 -o -",
         "slice a --field value --axis q",
         "walk",
     ] {

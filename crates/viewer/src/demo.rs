@@ -31,11 +31,11 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let is_phantom = arguments.input.is_none();
     refuse_if(is_phantom && !typed.is_empty(), format!("the demo's own phantom is not read: leave {typed} out"))?;
     ensure!(!folder.is_file(), "{}: is a file, and -o names a folder", folder.display());
-    fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     let grid = match &arguments.input {
         Some(path) => read_volume(path, &arguments.raw.read_options())?,
         None => phantom()?,
     };
+    fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     let [x, y, z] = grid.geometry.dims;
     print(&format!("{}: {x}x{y}x{z} voxels of {}\n", grid.name, grid.scalars.scalar_type().name()))?;
 

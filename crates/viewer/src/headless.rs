@@ -395,7 +395,7 @@ fn proposed_regions(reader: &Reader) -> anyhow::Result<Vec<Region>> {
     let histogram = reader.read_histogram(HistogramKind::HitValueHitGradient)?;
     let regions = propose_regions(&histogram, reader.header().geometry.smallest_spacing());
     if regions.is_empty() {
-        bail!("no boundary was found in this volume: give a `--region`, or prepare it with other settings");
+        bail!("no boundary was found in this volume: prepare it with other settings, or give `render` a `--region`");
     }
     Ok(regions)
 }

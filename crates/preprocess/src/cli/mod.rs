@@ -21,7 +21,7 @@ use args::Command;
 use serde::Serialize;
 use voxrole_pack::{Reader, atomic_file};
 use voxrole_preprocess::console;
-use voxrole_preprocess::usage::check_extension;
+use voxrole_preprocess::usage::{check_extension, refuse_if};
 
 /// Runs a command; a failure that was already told is in the exit code only.
 ///
@@ -82,6 +82,8 @@ fn open(path: &Path) -> anyhow::Result<Reader> {
 /// Checks before any work is done that an output can be written, is none of the inputs, and is named as what it will be.
 fn check_output(output: &Path, inputs: &[&Path], extension: Option<&str>) -> anyhow::Result<()> {
     let named = || output.display().to_string();
+    let is_standard = output.as_os_str() == "-";
+    refuse_if(is_standard, "-: what is written is a file, not standard output; name it")?;
     extension.map_or(Ok(()), |extension| check_extension(output, extension))?;
     if let Some(input) = inputs.iter().find(|input| is_inside(output, input)) {
         bail!("{}: lies in the folder {}, which is an input; write it elsewhere", named(), input.display());

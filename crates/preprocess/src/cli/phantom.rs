@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use voxrole_pack::atomic_file::{self, AtomicFile};
+use voxrole_pack::atomic_file::AtomicFile;
 use voxrole_pack::{GridGeometry, Scalars};
 use voxrole_preprocess::io::nrrd_writer::write_scalars;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
@@ -75,9 +75,9 @@ fn settings(args: &PhantomArgs, phantom: Phantom, dims: [u32; 3]) -> Result<Phan
 /// Checks before any work is done that every output can be written and no two are the same file.
 fn check_outputs(outputs: &[&Path]) -> anyhow::Result<()> {
     for (index, output) in outputs.iter().enumerate() {
-        let (named, others) = (|| output.display().to_string(), &outputs[..index]);
-        refuse_if(others.contains(output), format!("{}: two outputs cannot be one file", named()))?;
-        atomic_file::check_output(output, others).with_context(named)?;
+        let others = &outputs[..index];
+        refuse_if(others.contains(output), format!("{}: two outputs cannot be one file", output.display()))?;
+        super::check_output(output, others, None)?;
     }
     Ok(())
 }
