@@ -90,6 +90,12 @@ impl ProxyGeometry {
         }
     }
 
+    /// Whether a slice lies where numbers are larger than the eye's.
+    #[must_use]
+    pub fn is_beyond_eye(&self, number: f32) -> bool {
+        number + 0.5 > self.eye
+    }
+
     /// Makes the polygon of all places with a number that are drawn.
     fn slice(&mut self, number: f32) {
         let heights = self.corners.map(|corner| self.slicing.number(corner) - number);

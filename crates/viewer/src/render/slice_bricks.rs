@@ -103,22 +103,25 @@ pub struct Needed<'a> {
     coming: Vec<&'a BrickExtent>,
     /// Bricks that are, and up to where on the way.
     there: Vec<(i32, usize)>,
+    /// Where on the way the last slice lay that was asked for.
+    last: i32,
 }
 
 impl<'a> Needed<'a> {
     /// By slices whose numbers go from one to another.
     #[must_use]
     pub fn new(extents: &'a [BrickExtent], [from, to]: [i32; 2]) -> Self {
-        let mut needed =
-            Self { sense: if from <= to { 1 } else { -1 }, coming: extents.iter().collect(), there: Vec::new() };
-        let sense = needed.sense;
-        needed.coming.sort_by_key(|extent| std::cmp::Reverse(extent.way(sense)[0]));
-        needed
+        let sense = if from <= to { 1 } else { -1 };
+        let mut coming: Vec<_> = extents.iter().collect();
+        coming.sort_by_key(|extent| std::cmp::Reverse(extent.way(sense)[0]));
+        Self { sense, coming, there: Vec::new(), last: i32::MIN }
     }
 
     /// The bricks of a slice, which lies behind those that were asked for.
     pub fn by(&mut self, slice: i32) -> impl Iterator<Item = usize> {
         let place = self.sense * slice;
+        debug_assert!(place >= self.last, "slice {slice} lies before one that was asked for");
+        self.last = place;
         self.there.retain(|(end, _)| *end >= place);
         while let Some(extent) = self.coming.pop_if(|extent| extent.way(self.sense)[0] <= place) {
             let [_, end] = extent.way(self.sense);

@@ -55,30 +55,40 @@ struct Run {
     bricks: HashSet<usize>,
 }
 
-/// All slices of a frame, those at the back first.
+/// All slices of a frame: those on one side of the eye, then those on the other, each from the back. No ray meets both.
 struct Slices {
     vertices: Vec<SliceVertex>,
-    /// Of each its number, and where its corners are.
-    slices: Vec<(i32, Range<usize>)>,
+    /// Of each its number, and where its corners are; numbers rise on the first side, and fall on the other.
+    sides: [Vec<(i32, Range<usize>)>; 2],
 }
 
 impl Slices {
     fn new(frame: &Frame, slicing: &Slicing) -> Self {
-        let (mut geometry, mut vertices) = (ProxyGeometry::new(frame, slicing), Vec::new());
-        let mut slices = Vec::new();
+        let mut geometry = ProxyGeometry::new(frame, slicing);
+        let mut corners = [Vec::new(), Vec::new()];
+        let mut slice = Vec::new();
         loop {
-            let start = vertices.len();
             // One slice, whose corners come at once.
-            geometry.add_triangles(1, &mut vertices);
-            let Some(first) = vertices.get(start) else { return Self { vertices, slices } };
-            slices.push((first.number as i32, start..vertices.len()));
+            geometry.add_triangles(1, &mut slice);
+            let Some(first) = slice.first() else { break };
+            corners[usize::from(geometry.is_beyond_eye(first.number))].append(&mut slice);
         }
+        let mut vertices = Vec::new();
+        let sides = corners.map(|corners| {
+            let of_slice = |slice: &[SliceVertex]| {
+                let start = vertices.len();
+                vertices.extend_from_slice(slice);
+                (slice[0].number as i32, start..vertices.len())
+            };
+            corners.chunk_by(|a, b| a.number == b.number).map(of_slice).collect()
+        });
+        Self { vertices, sides }
     }
+}
 
-    /// The numbers of the first and the last; `None` where there are none.
-    fn ends(&self) -> Option<[i32; 2]> {
-        Some([self.slices.first()?.0, self.slices.last()?.0])
-    }
+/// The numbers of a side's first and last slice; `None` where there are none.
+fn ends(side: &[(i32, Range<usize>)]) -> Option<[i32; 2]> {
+    Some([side.first()?.0, side.last()?.0])
 }
 
 impl SliceBlending {
@@ -174,12 +184,12 @@ impl SliceBlending {
             drawable.iter().map(|&brick| BrickExtent::new(brick, atlas.start(brick), frame, slicing)).collect();
         let slices = Slices::new(frame, slicing);
         let mut tiles = vec![(tile, extents)];
-        while let (Some(ends), Some((tile, mut extents))) = (slices.ends(), tiles.pop()) {
+        while let Some((tile, mut extents)) = tiles.pop() {
             extents.retain(|extent| extent.is_in(tile));
-            let most = Needed::most(&extents, ends);
+            let of_side = |side: &Vec<_>| ends(side).map_or(0, |ends| Needed::most(&extents, ends));
+            let most = slices.sides.iter().map(of_side).max().unwrap_or(0);
             if most <= atlas.room() {
-                let needed = Needed::new(&extents, ends);
-                self.draw_tile(gpu, bind_group, (&slices, needed), atlas, (tile, watch))?;
+                self.draw_tile(gpu, bind_group, (&slices, &extents), atlas, (tile, watch))?;
             } else if let Some(halves) = tile.halves() {
                 tiles.extend(halves.map(|half| (half, extents.clone())));
             } else {
@@ -207,28 +217,32 @@ impl SliceBlending {
         &mut self,
         gpu: &Gpu,
         bind_group: &BindGroup,
-        (slices, mut needed): (&Slices, Needed<'_>),
+        (slices, extents): (&Slices, &[BrickExtent]),
         atlas: &mut BrickAtlas,
         (tile, watch): (Tile, &Watch),
     ) -> Result<()> {
         let mut run = Run::default();
-        for (number, vertices) in &slices.slices {
-            let bricks: Vec<_> = needed.by(*number).collect();
-            if bricks.is_empty() {
-                continue;
-            }
-            let more = bricks.iter().filter(|brick| !run.bricks.contains(brick)).count();
-            let is_next = run.vertices.end == vertices.start;
-            let is_full = run.bricks.len() + more > atlas.room() || run.vertices.len() >= MOST_VERTICES;
-            if !is_next || is_full {
-                self.draw_run(gpu, bind_group, &slices.vertices, &run, atlas, tile)?;
-                if watch.is_given_up() {
-                    return Ok(());
+        for side in &slices.sides {
+            let Some(ends) = ends(side) else { continue };
+            let mut needed = Needed::new(extents, ends);
+            for (number, vertices) in side {
+                let bricks: Vec<_> = needed.by(*number).collect();
+                if bricks.is_empty() {
+                    continue;
                 }
-                run = Run { vertices: vertices.start..vertices.start, bricks: HashSet::new() };
+                let more = bricks.iter().filter(|brick| !run.bricks.contains(brick)).count();
+                let is_next = run.vertices.end == vertices.start;
+                let is_full = run.bricks.len() + more > atlas.room() || run.vertices.len() >= MOST_VERTICES;
+                if !is_next || is_full {
+                    self.draw_run(gpu, bind_group, &slices.vertices, &run, atlas, tile)?;
+                    if watch.is_given_up() {
+                        return Ok(());
+                    }
+                    run = Run { vertices: vertices.start..vertices.start, bricks: HashSet::new() };
+                }
+                run.bricks.extend(bricks);
+                run.vertices.end = vertices.end;
             }
-            run.bricks.extend(bricks);
-            run.vertices.end = vertices.end;
         }
         self.draw_run(gpu, bind_group, &slices.vertices, &run, atlas, tile)
     }
@@ -245,6 +259,7 @@ impl SliceBlending {
         if run.vertices.is_empty() {
             return Ok(());
         }
+        debug_assert!(run.bricks.len() <= atlas.room(), "a run needs no more bricks than there is room for");
         let mut bricks: Vec<usize> = run.bricks.iter().copied().collect();
         // Which come in the place of which must not depend on how they are kept here.
         bricks.sort_unstable();

@@ -104,6 +104,10 @@ fn slices_are_the_same_however_few_bricks_there_is_room_for() {
     from_within.camera.zoom = 9.0;
     from_within.render_settings.integration = Integration::PostClassified;
     from_within.clipping.planes.push("20,10,0.2".parse().expect("a plane"));
+    // Of stacks some lie on either side of the eye.
+    let mut between = plain.clone();
+    between.render_settings.image_size = [64, 10];
+    between.camera = Camera { azimuth: 45.0, elevation: 0.0, zoom: 8.0, field_of_view: 60.0, ..Camera::default() };
     let mut unskipped = plain.clone();
     unskipped.camera.projection = Projection::Orthographic;
     unskipped.render_settings.leaps = false;
@@ -113,18 +117,19 @@ fn slices_are_the_same_however_few_bricks_there_is_room_for() {
     by_value.transfer_function.curve = "20,0060FF,0;60,00C0FF,0.1;110,FFC080,0.6".parse().expect("a curve");
     let mut shadowed = plain.clone();
     shadowed.render_settings.shading.occlusion = 0.8;
-    for (name, mut state) in [
-        ("plain", plain),
-        ("from within", from_within),
-        ("unskipped", unskipped),
-        ("by value", by_value),
-        ("shadowed", shadowed),
+    for (name, mut state, budgets) in [
+        ("plain", plain, &[18, 24][..]),
+        ("from within", from_within, &[18, 24][..]),
+        ("between", between, &[24]),
+        ("unskipped", unskipped, &[18, 24][..]),
+        ("by value", by_value, &[18, 24][..]),
+        ("shadowed", shadowed, &[18, 24][..]),
     ] {
         for technique in [Technique::Slices, Technique::Stacks] {
             state.render_settings.technique = technique;
             let (whole, _) = draw_with_budget(&gpu, &volume, &state, None);
             assert!(lit_share(&whole, [0, 0, 0, 255]) > 0.05, "{name}");
-            for bricks in [18, 24] {
+            for &bricks in budgets {
                 let (picture, uploads) = draw_with_budget(&gpu, &volume, &state, Some(bricks * BRICK));
                 assert!(picture == whole, "{name}, {technique:?}, {bricks} bricks: another picture");
                 assert!(uploads.is_some_and(|uploads| uploads > 0), "{name}");
