@@ -1,4 +1,4 @@
-//! Folders that appear under their name only when they are complete.
+//! Folders that appear under their name only when they are complete, and folders that go with the program.
 
 use std::fs;
 use std::io;
@@ -9,9 +9,12 @@ use tempfile::TempDir;
 
 /// A folder under a temporary name beside its final one; removed again unless [`AtomicFolder::commit`] is reached.
 pub struct AtomicFolder {
-    folder: TempDir,
+    folder: ScratchFolder,
     path: PathBuf,
 }
+
+/// A folder for what is needed for a while; removed with it.
+pub struct ScratchFolder(TempDir);
 
 /// The temporary folders that there are now.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -21,6 +24,33 @@ pub fn remove_unfinished() {
     for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
         // Whoever cannot remove it can do nothing more about it.
         let _ = fs::remove_dir_all(path);
+    }
+}
+
+impl ScratchFolder {
+    /// Creates it where the system keeps temporary files.
+    ///
+    /// # Errors
+    /// Whatever the operating system says.
+    pub fn create() -> io::Result<Self> {
+        tempfile::tempdir().map(Self::of)
+    }
+
+    fn of(folder: TempDir) -> Self {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(folder.path().to_owned());
+        Self(folder)
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+impl Drop for ScratchFolder {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| path != self.0.path());
     }
 }
 
@@ -34,8 +64,7 @@ impl AtomicFolder {
         if !parent.is_dir() {
             return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no folder {}", parent.display())));
         }
-        let folder = temporary(path, parent)?;
-        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(folder.path().to_owned());
+        let folder = ScratchFolder::of(temporary(path, parent)?);
         Ok(Self { folder, path: path.to_owned() })
     }
 
@@ -62,12 +91,6 @@ impl AtomicFolder {
             // Both were there a moment ago; whoever cannot put one back can do nothing more about it.
             let _ = fs::rename(&former_path, &self.path);
         })
-    }
-}
-
-impl Drop for AtomicFolder {
-    fn drop(&mut self) {
-        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| path != self.folder.path());
     }
 }
 

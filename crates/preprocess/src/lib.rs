@@ -49,6 +49,7 @@ pub mod sampler;
 pub mod scan;
 pub mod separable_derivative;
 pub mod settings;
+pub mod signals;
 pub mod simd;
 pub mod smoothing;
 pub mod smoothing_study;

@@ -5,17 +5,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use voxrole_preprocess::console::tell;
+use voxrole_preprocess::signals;
 use voxrole_preprocess::usage::exit_code;
 use voxrole_viewer::args::{Cli, Command};
 use voxrole_viewer::{bench, demo, headless};
 
 fn main() -> ExitCode {
-    // 130 is what shells give for an interrupt. Without a handler the temporary files would merely stay.
-    let _ = ctrlc::set_handler(|| {
-        voxrole_pack::atomic_file::remove_unfinished();
-        tell("voxrole-view: interrupted; what was not finished is not written");
-        std::process::exit(130);
-    });
+    signals::catch(|| tell("voxrole-view: interrupted; what was not finished is not written"));
     let cli = Cli::parse();
     let result = match (&cli.command, &cli.file) {
         (Some(Command::Render(arguments)), _) => headless::render(arguments),

@@ -6,11 +6,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
-use tempfile::TempDir;
 use voxrole_pack::prologue::MAGIC;
 use voxrole_pack::quantization::NO_NORMAL;
 use voxrole_pack::{DistanceQuantization, HitGradientQuantization, Precision, Reader, ScalarType};
 use voxrole_preprocess::Grid;
+use voxrole_preprocess::atomic_folder::ScratchFolder;
 use voxrole_preprocess::console::tell;
 use voxrole_preprocess::io::{ReadOptions, open_volume, read_volume};
 use voxrole_preprocess::prepare::prepare_file;
@@ -24,7 +24,7 @@ pub struct Opened {
     /// Its reader.
     pub reader: Arc<Reader>,
     /// The folder of a file that was prepared only for this; removed with it.
-    _prepared: Option<TempDir>,
+    _prepared: Option<ScratchFolder>,
 }
 
 impl From<Reader> for Opened {
@@ -52,7 +52,7 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions, memory: u64) -> anyho
         return Ok(Reader::open(path).with_context(named)?.into());
     }
     let volume = open_volume(path, options)?;
-    let folder = tempfile::tempdir().context("making a temporary folder")?;
+    let folder = ScratchFolder::create().context("making a temporary folder")?;
     let packed = folder.path().join("prepared.vxr");
     let file = path.display();
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));

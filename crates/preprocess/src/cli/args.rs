@@ -139,9 +139,9 @@ pub struct PrepareArgs {
     #[arg(long)]
     pub skip_existing: bool,
     /// Write seconds and counts of the run as JSON: an object, or with several volumes an array of one object each, which
-    /// is {"input", "error"} where a volume failed, {"input", "skipped"} where it was left out and a report that is replaced
-    /// has nothing of it, and {"input", "interrupted"} where the command ended before; it is written anew
-    /// after each volume.
+    /// is {"input", "error"} where a volume failed, {"input", "skipped"} where it was left out, and {"input", "interrupted"}
+    /// where the command ended before; in place of the last two a report that is replaced keeps what it has of a packed file
+    /// that is there. It is written anew after each volume.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// How to tell on standard error how far it is [default: bar on a terminal, else lines].

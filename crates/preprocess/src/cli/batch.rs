@@ -177,9 +177,11 @@ pub fn reports_of(report: &Path) -> Vec<Value> {
     entries.into_iter().filter(|entry| entry.get("counts").is_some()).collect()
 }
 
-/// The one of them about a task's input.
+/// The one of them about a task's input and the packed file that is there.
 pub fn report_of(task: &Task, reports: &[Value]) -> Option<Value> {
-    reports.iter().find(|report| report["input"] == json!(named(&task.input))).cloned()
+    let file_bytes = fs::metadata(&task.output).ok()?.len();
+    let is_it = |report: &&Value| report["input"] == named(&task.input) && report["file_bytes"] == file_bytes;
+    reports.iter().find(is_it).cloned()
 }
 
 /// How many tasks came to which end.
@@ -292,7 +294,8 @@ struct State {
     entry: Value,
 }
 
-/// Takes note of the tasks of a run, none of which is done, of the report that is to be written, and of what there is in it.
+/// Takes note of the tasks of a run, none of which is done, of the report that is to be written, and of what there is in it
+/// about packed files that are there.
 pub fn begin(tasks: &[Task], report: Option<&Path>, reports: &[Value]) {
     let state = |task: &Task| {
         let interrupted = || json!({ "input": named(&task.input), "interrupted": true });
@@ -314,6 +317,11 @@ pub fn note(task: &Task, outcome: &Outcome) -> anyhow::Result<()> {
         states[index] = State { columns, has_failed, entry: entry(task, outcome) };
     }
     write_report()
+}
+
+/// Whether a run is not over.
+pub fn is_preparing() -> bool {
+    so_far().is_some()
 }
 
 /// The table of a run of several tasks that is not over.
@@ -379,14 +387,17 @@ mod tests {
 
     #[test]
     fn an_interrupted_run_has_a_table_and_a_report_of_what_was_done() {
-        let inputs = ["a.nrrd", "b.nrrd", "c.nrrd"].map(PathBuf::from);
-        let tasks = tasks(&inputs, Path::new("folder")).expect("distinct names");
+        let inputs = ["a.nrrd", "b.nrrd", "c.nrrd", "d.nrrd", "e.nrrd"].map(PathBuf::from);
+        let folder = tempfile::tempdir().expect("a folder");
+        let tasks = tasks(&inputs, folder.path()).expect("distinct names");
         begin(&tasks[..1], None, &[]);
         assert_eq!(table_so_far(), None, "one volume needs no table");
-        let folder = tempfile::tempdir().expect("a folder");
         let report = folder.path().join("r.json");
-        let before = json!({ "input": "b.nrrd", "counts": { "voxels": 7 } });
-        begin(&tasks, Some(&report), std::slice::from_ref(&before));
+        // The file of one is there, that of another is not, and that of a third is another one.
+        fs::write(&tasks[1].output, [0; 5]).expect("writes");
+        fs::write(&tasks[4].output, [0; 6]).expect("writes");
+        let before = ["b.nrrd", "d.nrrd", "e.nrrd"].map(|input| json!({ "input": input, "file_bytes": 5 }));
+        begin(&tasks, Some(&report), &before);
         note(&tasks[2], &Ok(Done::Skipped(None))).expect("is written");
         note(&tasks[0], &Err(anyhow!("is\ndamaged"))).expect("is written");
         let table = table_so_far().expect("there are several");
@@ -395,13 +406,17 @@ mod tests {
             "a.nrrd  error: is damaged",
             "b.nrrd  not done",
             "c.nrrd  was there already",
-            "3 volumes: 1 done, 1 failed, 1 not done",
+            "d.nrrd  not done",
+            "e.nrrd  not done",
+            "5 volumes: 1 done, 1 failed, 3 not done",
         ];
         assert_eq!(lines, expected);
         let expected = json!([
             { "input": "a.nrrd", "error": "is\ndamaged" },
-            before,
+            before[0],
             { "input": "c.nrrd", "skipped": true },
+            { "input": "d.nrrd", "interrupted": true },
+            { "input": "e.nrrd", "interrupted": true },
         ]);
         assert_eq!(serde_json::from_slice::<Value>(&fs::read(report).expect("is there")).expect("is JSON"), expected);
     }

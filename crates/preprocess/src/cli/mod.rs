@@ -45,13 +45,13 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
 pub fn say_interrupted() {
     let table = batch::table_so_far();
     let kept = voxrole_pack::unfinished::kept();
-    terminal::say_last(match (kept.is_empty(), table.is_some()) {
-        (true, true) => "interrupted; nothing is kept of what was being done",
-        (true, false) => {
-            "interrupted; nothing is kept of what fits into memory as a whole: with less --memory a run goes block by block, \
-             and goes on"
-        }
-        (false, _) => "interrupted",
+    terminal::say_last(if !kept.is_empty() {
+        "interrupted"
+    } else if batch::is_preparing() && table.is_none() {
+        "interrupted; nothing is kept: a run goes on where it goes block by block, as it does with less --memory, and has \
+         finished some"
+    } else {
+        "interrupted; nothing is kept of what was being done"
     });
     for path in kept {
         let path = path.display();

@@ -47,7 +47,7 @@ fn check_and_run(args: &PrepareArgs, terminal: &Terminal) -> anyhow::Result<Exit
     let memory = args.memory.map_or_else(half_of_memory, Ok)? / jobs as u64;
     // Says why an error speaks of less memory than was given.
     let share = if jobs > 1 { format!(" with 1/{jobs} of the memory") } else { String::new() };
-    let before = args.report.as_deref().filter(|_| args.skip_existing).map(batch::reports_of).unwrap_or_default();
+    let before = args.report.as_deref().map(batch::reports_of).unwrap_or_default();
     let work = |task: &Task| {
         if args.skip_existing && task.output.exists() {
             // What cannot be opened was not finished by this program.
