@@ -144,13 +144,12 @@ impl BrickAtlas {
         let is_staying = |slot: &Option<usize>| slot.is_some_and(|brick| staying.contains(&brick));
         let slots = (0..self.slots.len()).map(|index| (self.next + index) % self.slots.len());
         let slots = slots.filter(|&slot| !is_staying(&self.slots[slot]));
-        let absent = bricks.iter().copied().filter(|&brick| self.places[brick][3] == 0);
-        let mut brought: Vec<(usize, usize)> = absent.zip(slots).collect();
-        if let Some((_, last)) = brought.last() {
-            self.next = (last + 1) % self.slots.len();
-        }
+        let is_there = |brick: &usize| self.places[*brick][3] != 0;
+        let room = self.slots.len() - staying.iter().filter(|brick| is_there(brick)).count();
+        let mut absent: Vec<usize> = bricks.iter().copied().filter(|brick| !is_there(brick)).take(room).collect();
         // Neighbours together: they are made of the same bricks of a file.
-        brought.sort_by_cached_key(|(brick, _)| z_order(self.start(*brick).map(|voxel| voxel / BRICK)));
+        absent.sort_by_cached_key(|brick| z_order(self.start(*brick).map(|voxel| voxel / BRICK)));
+        let brought: Vec<(usize, usize)> = absent.into_iter().zip(slots).collect();
         let mut parts = brought.chunks(MADE_AT_ONCE).take_while(|_| !watch.is_given_up());
         let outcome = parts.try_for_each(|brought| self.replace(gpu, brought));
         // Also where one could not be read: those before it lie in the places of others by now.
@@ -167,6 +166,7 @@ impl BrickAtlas {
                 self.places[old] = [0; 4];
             }
             self.upload(gpu, (brick, slot), &texels, size)?;
+            self.next = (slot + 1) % self.slots.len();
         }
         Ok(())
     }

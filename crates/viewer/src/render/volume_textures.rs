@@ -67,14 +67,19 @@ impl VolumeTextures {
         let is_short = dims.iter().all(|&dim| dim <= limit);
         if memory.normals == Normals::Compressed {
             let fits = is_short && budget.is_none_or(|budget| compressed_bytes(dims) <= budget);
-            return match source {
-                TexelSource::Memory(volume) if fits => WholeVolume::compressed(gpu, volume).map(Self::Whole),
-                _ => Err(Error::Normals {
-                    reason: "they are where all of the volume is on the GPU, and there is room for less (--gpu-memory \
-                             gives more)"
-                        .to_owned(),
-                }),
+            let less = match source {
+                TexelSource::Memory(volume) if fits => {
+                    return WholeVolume::compressed(gpu, volume).map(Self::Whole);
+                }
+                TexelSource::Memory(_) if is_short => "there is room for less (--gpu-memory gives more)".to_owned(),
+                TexelSource::Memory(_) => format!("its textures are {limit} voxels long"),
+                TexelSource::File(_) => {
+                    "it takes more of the computer's memory than it may (--memory gives more)".to_owned()
+                }
             };
+            return Err(Error::Normals {
+                reason: format!("they are where all of the volume is on the GPU, and {less}"),
+            });
         }
         let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;
         let mut room = match source {

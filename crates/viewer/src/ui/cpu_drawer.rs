@@ -30,7 +30,7 @@ pub struct CpuDrawer {
     requests: Sender<Request>,
     running: Option<Running>,
     /// The picture for a file, on a thread of its own.
-    saved: Option<Receiver<Result<Picture>>>,
+    saved: Option<Receiver<Result<(Picture, usize)>>>,
     texture: Option<TextureHandle>,
 }
 
@@ -158,7 +158,8 @@ impl Drawer for CpuDrawer {
         let (volume, pool) = (Arc::clone(&self.volume), Arc::clone(&self.pool));
         let (view, context) = (view.clone(), context.clone());
         thread::spawn(move || {
-            let draw = || Ok(Drawing::on_cpu(&volume, &view)?.draw(&view.camera)?.picture);
+            let level = volume.description.level;
+            let draw = || Ok((Drawing::on_cpu(&volume, &view)?.draw(&view.camera)?.picture, level));
             // Nobody waits for what is no longer wanted.
             let _ = answer.send(pool.install(draw));
             context.request_repaint();
@@ -167,7 +168,7 @@ impl Drawer for CpuDrawer {
         Ok(())
     }
 
-    fn go_on_saved(&mut self, _: &egui::Context) -> Result<Option<Picture>> {
+    fn go_on_saved(&mut self, _: &egui::Context) -> Result<Option<(Picture, usize)>> {
         let Some(saved) = &self.saved else { return Ok(None) };
         let answer = match saved.try_recv() {
             Ok(answer) => answer,

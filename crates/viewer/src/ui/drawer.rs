@@ -62,11 +62,12 @@ pub trait Drawer {
     /// [`crate::Error::PictureSize`] or [`crate::Error::Device`] when it does not fit the device.
     fn begin_saved(&mut self, context: &egui::Context, view: &ViewState) -> Result<()>;
 
-    /// Goes on with that picture; returns it once it is complete. Sees to it that the window comes back while it is not.
+    /// Goes on with that picture; returns it once it is complete, and the level of detail that it is of. Sees to it that the window
+    /// comes back while it is not.
     ///
     /// # Errors
     /// As [`Self::go_on`].
-    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<Picture>>;
+    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<(Picture, usize)>>;
 
     /// The volume, where it is still in memory; ends the drawer.
     fn into_volume(self: Box<Self>) -> Option<Arc<VolumeTexels>>;

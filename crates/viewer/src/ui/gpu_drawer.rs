@@ -153,7 +153,7 @@ impl Drawer for GpuDrawer {
         Ok(())
     }
 
-    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<Picture>> {
+    fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<(Picture, usize)>> {
         let Some(mut saved) = self.saved.take() else { return Ok(None) };
         self.draw_part(&mut saved)?;
         let [_, height] = saved.target.size();
@@ -162,7 +162,8 @@ impl Drawer for GpuDrawer {
             context.request_repaint();
             return Ok(None);
         }
-        finished_picture(&self.renderer, &saved.state, &saved.target).map(Some)
+        let picture = finished_picture(&self.renderer, &saved.state, &saved.target)?;
+        Ok(Some((picture, self.level())))
     }
 
     fn into_volume(self: Box<Self>) -> Option<Arc<VolumeTexels>> {

@@ -281,22 +281,16 @@ impl Preview {
         }
     }
 
-    /// Goes on with that picture; returns it once it is complete.
+    /// Goes on with that picture; returns it once it is complete, and the level of detail that it is of.
     ///
     /// # Errors
     /// As [`Drawer::go_on`]; [`Error::GivenUp`] where it was to be of bricks, which are there no more.
-    pub fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<Picture>> {
+    pub fn go_on_saved(&mut self, context: &egui::Context) -> Result<Option<(Picture, usize)>> {
         match &mut self.bricks {
-            Some(bricks) if self.saves_bricks => bricks.go_on_saved(),
+            Some(bricks) if self.saves_bricks => Ok(bricks.go_on_saved()?.map(|picture| (picture, 0))),
             None if self.saves_bricks => Err(Error::GivenUp),
             _ => self.drawer.go_on_saved(context),
         }
-    }
-
-    /// The level of detail that picture is of.
-    #[must_use]
-    pub fn saved_level(&self) -> usize {
-        if self.saves_bricks { 0 } else { self.drawer.level() }
     }
 
     /// The volume, where it is still in memory.

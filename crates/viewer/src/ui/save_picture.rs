@@ -77,12 +77,9 @@ impl SavePicture {
         match self.pending.take() {
             Some(Pending::Drawing(path)) => match preview.go_on_saved(context) {
                 Ok(None) => self.pending = Some(Pending::Drawing(path)),
-                Ok(Some(picture)) => {
+                Ok(Some((picture, level))) => {
                     let context = context.clone();
-                    let of = match preview.saved_level() {
-                        0 => String::new(),
-                        level => format!(" of level {level} of the volume, before finer ones are ready"),
-                    };
+                    let of = if level > 0 { format!(" of level {level} of the volume") } else { String::new() };
                     self.pending = Some(Pending::Writing(thread::spawn(move || {
                         let outcome = write(&path, picture.to_png().map_err(|error| error.to_string()), &of);
                         context.request_repaint();

@@ -17,6 +17,8 @@ use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_viewer::device_args::DeviceArgs;
 use voxrole_viewer::drawing::Drawing;
 use voxrole_viewer::ui::ViewerWindow;
+use voxrole_viewer::ui::cpu_drawer::CpuDrawer;
+use voxrole_viewer::ui::drawer::Drawer;
 use voxrole_viewer::ui::finer_levels::FinerLevels;
 use voxrole_viewer::ui::kept_window::KeptWindow;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
@@ -208,4 +210,24 @@ fn a_damaged_brick_is_told_of_and_the_coarser_level_stays() {
         wait(&mut harness, "the coarser level is drawn anew", is_drawn);
         assert!(harness.state().preview.pictures() > pictures && harness.state().preview.error().is_none());
     }
+}
+
+#[test]
+fn a_saved_picture_is_of_the_level_that_it_was_begun_with() {
+    let reader = Reader::open(&packed("level")).expect("opens");
+    let texels = |level| Arc::new(VolumeTexels::read_level(&reader, level).expect("reads"));
+    let mut drawer = CpuDrawer::new(&texels(1)).expect("begins a thread");
+    let (context, mut view) = (egui::Context::default(), ViewState::default());
+    view.render_settings.image_size = [40, 30];
+    drawer.begin_saved(&context, &view).expect("fits");
+    drawer.replace_volume(&texels(0)).expect("fits");
+    let start = Instant::now();
+    let level = loop {
+        if let Some((_, level)) = drawer.go_on_saved(&context).expect("is drawn") {
+            break level;
+        }
+        assert!(start.elapsed().as_secs() < 120, "the picture is not drawn");
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    assert_eq!((level, drawer.level()), (1, 0));
 }

@@ -119,7 +119,7 @@ fn picture(harness: &mut Harness<'_, ViewerWindow>, view: &ViewState) -> Picture
     let preview = &mut harness.state_mut().preview;
     preview.begin_saved(&context, view).expect("fits the device");
     loop {
-        if let Some(picture) = preview.go_on_saved(&context).expect("is drawn") {
+        if let Some((picture, _)) = preview.go_on_saved(&context).expect("is drawn") {
             return picture;
         }
         std::thread::sleep(Duration::from_millis(1));
