@@ -69,13 +69,13 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// What tells the input's file from others and from itself at other times, without reading it: `None` where there is no
-    /// file.
+    /// What tells the input's file from others, from itself at other times and from what else is read of it, without reading it:
+    /// `None` where there is no file, or where not all of its files are known.
     #[must_use]
     pub fn identity(&self) -> Option<[u8; 32]> {
         match self.voxels {
             Voxels::Memory(_) => None,
-            Voxels::File(voxels) => voxels.identity(),
+            Voxels::File(voxels) => voxels.identity(self.read_with),
         }
     }
 

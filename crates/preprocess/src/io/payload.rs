@@ -123,6 +123,7 @@ impl Payload {
         Ok(StoredVoxels {
             file,
             paths: vec![self.path],
+            are_all_paths: true,
             offset,
             dims: self.dims.map(|dim| dim as usize),
             stored: self.stored,

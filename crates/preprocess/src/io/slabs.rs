@@ -20,6 +20,11 @@ pub(super) trait Slabs: fmt::Debug + Send {
     /// The files that hold them, the one to complain of first: at least one.
     fn files(&self) -> &[PathBuf];
 
+    /// Whether numbers cannot change unless these files do.
+    fn are_all_files(&self) -> bool {
+        true
+    }
+
     /// Hands all numbers to `sink`, as little-endian bytes: whole numbers, in as many parts as is convenient, so that no more
     /// than a few slices are in memory.
     ///
@@ -72,7 +77,8 @@ pub(super) fn stored(slabs: &dyn Slabs, dims: [usize; 3], folder: &Path) -> Resu
     let bytes = dims.iter().product::<usize>() as u64 * slabs.scalar_type().size_in_bytes() as u64;
     counted(slabs, dims, &mut |part| file.write_all(part).map_err(|error| no_room(folder, bytes, error)))?;
     let stored = StoredType { scalar_type: slabs.scalar_type(), byte_order: ByteOrder::Little };
-    Ok(StoredVoxels { file, paths: slabs.files().to_vec(), offset: 0, dims, stored })
+    let (paths, are_all_paths) = (slabs.files().to_vec(), slabs.are_all_files());
+    Ok(StoredVoxels { file, paths, are_all_paths, offset: 0, dims, stored })
 }
 
 /// Where all numbers cannot be put into a temporary file.

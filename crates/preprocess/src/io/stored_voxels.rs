@@ -21,6 +21,8 @@ pub struct StoredVoxels {
     pub(super) file: File,
     /// The files that the user knows, at least one; others than `file` where that one was unpacked.
     pub(super) paths: Vec<PathBuf>,
+    /// Whether numbers cannot change unless these files do.
+    pub(super) are_all_paths: bool,
     pub(super) offset: u64,
     pub(super) dims: [usize; 3],
     pub(super) stored: StoredType,
@@ -33,10 +35,13 @@ impl StoredVoxels {
         self.stored.scalar_type
     }
 
-    /// A hash of path, length, time of change and place of the numbers in the files that the user knows; `None` where the
-    /// operating system does not tell.
+    /// A hash of path, length, time of change and place of the numbers in the files that the user knows, and of the options that
+    /// say which of them are read; `None` where there are other files, or the operating system does not tell.
     #[must_use]
-    pub fn identity(&self) -> Option<[u8; 32]> {
+    pub fn identity(&self, read_with: &str) -> Option<[u8; 32]> {
+        if !self.are_all_paths {
+            return None;
+        }
         let mut hasher = Sha256::new();
         for path in &self.paths {
             let path = path.canonicalize().ok()?;
@@ -44,7 +49,7 @@ impl StoredVoxels {
             let changed = metadata.modified().ok()?;
             hasher.update(format!("{path:?} {} {changed:?} ", metadata.len()));
         }
-        hasher.update(format!("{} {:?} {:?}", self.offset, self.dims, self.stored));
+        hasher.update(format!("{} {:?} {:?} {read_with}", self.offset, self.dims, self.stored));
         Some(hasher.finalize().into())
     }
 

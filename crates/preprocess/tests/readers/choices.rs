@@ -2,6 +2,7 @@
 
 use voxrole_pack::{ScalarType, Scalars};
 use voxrole_preprocess::io::{ByteOrder, ReadOptions, StoredType, open_volume, read_volume};
+use voxrole_preprocess::source::Source;
 
 use crate::samples::{Files, Nifti, bytes, gzip, meta_header, nrrd_header, numbers, stored_types, zlib};
 
@@ -88,9 +89,14 @@ fn volumes_one_behind_the_other() {
         Files::new([("a.npy", [npy("|u1", "False", "(2, 5, 4, 3)"), data()].concat())]),
         Files::new([("a.npy", [npy("|b1", "True", "(3, 4, 5, 2)"), data()].concat())]),
     ] {
+        let mut identities = Vec::new();
         for index in [0, 1] {
             check(&files, &time(index), &behind(index as u8));
+            let folder = tempfile::tempdir().expect("a folder");
+            let volume = open_volume(&files.path(), &time(index)).and_then(|volume| volume.stored(folder.path()));
+            identities.push(Source::from(&volume.expect("is read")).identity().expect("files tell their times"));
         }
+        assert!(identities[0] != identities[1], "a stopped run must not go on with the other");
         refused(&files, &ReadOptions::default(), &["--time N", "from 0 to 1"]);
         refused(&files, &time(2), &["--time", "from 0 to 1"]);
     }
@@ -100,6 +106,17 @@ fn volumes_one_behind_the_other() {
     let colours = [colours.header(), (0..180).collect()].concat();
     let green: Vec<u8> = (0..60).map(|voxel| 3 * voxel + 1).collect();
     check(&Files::new([("a.nii", colours)]), &component(1), &green);
+}
+
+#[test]
+fn time_as_an_axis_of_nrrd_s_space() {
+    let space = "space: left-posterior-superior-time\nspace directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,4)\n\
+                 space units: \"mm\" \"mm\" \"mm\" \"s\"\nencoding: raw";
+    let nrrd = nrrd_header(U8, space).replace("dimension: 3\nsizes: 3 4 5", "dimension: 4\nsizes: 3 4 5 2");
+    let files = Files::new([("a.nrrd", [nrrd.as_bytes(), &data()].concat())]);
+    check(&files, &time(1), &behind(1));
+    let geometry = read_volume(&files.path(), &time(1)).expect("is read").geometry;
+    assert_eq!((geometry.spacing, geometry.unit.as_str()), ([1.0, 2.0, 3.0], "mm"));
 }
 
 #[test]

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 use voxrole_pack::{ScalarType, Scalars};
-use voxrole_preprocess::io::{ByteOrder, ReadOptions, read_volume};
+use voxrole_preprocess::io::{ByteOrder, ReadOptions, open_volume, read_volume};
+use voxrole_preprocess::source::Source;
 
 use crate::samples::{bytes, gzip, numbers};
 
@@ -63,6 +64,14 @@ fn all_types_are_read() {
             assert_eq!(grid.geometry.dims, [3, 4, 5]);
         }
     }
+}
+
+#[test]
+fn a_stopped_run_keeps_nothing_about_files_that_may_have_changed() {
+    let folder = store(ScalarType::U8, BYTES, <[u8]>::to_vec);
+    let temporary = tempfile::tempdir().expect("a folder");
+    let volume = open_volume(folder.path(), &ReadOptions::default()).and_then(|volume| volume.stored(temporary.path()));
+    assert_eq!(Source::from(&volume.expect("is read")).identity(), None);
 }
 
 #[test]

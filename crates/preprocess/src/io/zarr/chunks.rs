@@ -34,6 +34,10 @@ impl Slabs for Chunks {
         &self.files
     }
 
+    fn are_all_files(&self) -> bool {
+        false
+    }
+
     fn decode(&self, sink: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let shape = self.array.shape();
         let slices = shape[self.z];
