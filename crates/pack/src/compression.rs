@@ -31,6 +31,9 @@ impl Encoding {
 /// Level 1: on layers of differences higher levels gain about 1 % (`docs/benchmarks.md`, file sizes).
 const ZSTD_LEVEL: i32 = 1;
 
+/// What a zstd frame begins with; frames to be skipped begin otherwise.
+const MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
 /// Where numbers are left out, and what then stands there.
 #[derive(Clone, Copy, Debug)]
 pub struct Sparse<'m, T> {
@@ -165,6 +168,9 @@ impl Unpacker {
         let damaged = |error: &str| Error::Format(format!("zstd data is damaged: {error}"));
         self.planes.resize(planes * len, 0);
         for index in 0..planes {
+            if !stored.starts_with(&MAGIC) {
+                return Err(damaged("a frame does not begin as frames do"));
+            }
             let frame = find_frame_compressed_size(stored).map_err(|code| damaged(get_error_name(code)))?;
             let (frame, rest) = stored.split_at(frame);
             stored = rest;
@@ -260,6 +266,16 @@ mod tests {
         assert_eq!(encoding, Encoding::DeltaZstd);
         assert!(matches!(unpack::<u32>(encoding, &stored, 3999), Err(Error::Format(_))));
         assert!(matches!(unpack::<u32>(encoding, &stored, 4001), Err(Error::Format(_))));
+    }
+
+    #[test]
+    fn frames_to_be_skipped_are_refused() {
+        let bits = [0];
+        let nothing = Some(Sparse { mask: &bits, fill: 0 });
+        let frame = [0x50, 0x2a, 0x4d, 0x18, 0, 0, 0, 0];
+        let (mut unpacker, mut back) = (Unpacker::new().expect("an unpacker"), Vec::<u8>::new());
+        let outcome = unpacker.unpack(Encoding::SparseZstd, &frame, 8, nothing, &mut back);
+        assert!(matches!(outcome, Err(Error::Format(_))), "{outcome:?}");
     }
 
     #[test]

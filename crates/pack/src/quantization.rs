@@ -141,7 +141,7 @@ impl HitGradientQuantization {
     /// Largest difference between a magnitude within `low..=high` and what is read back.
     #[must_use]
     pub fn error_bound(&self) -> f32 {
-        0.5 * (self.high - self.low) / f32::from(self.steps) + 3.0 * self.high * f32::EPSILON
+        0.5 * (self.high - self.low) / f32::from(self.steps) + 3.0 * f32::EPSILON * self.high
     }
 
     /// The stored number for a magnitude; clamped to `low..=high`.
@@ -238,6 +238,11 @@ mod tests {
         let distance = 0.516_068_46 * quantization.d_max;
         let back = quantization.decode(quantization.encode(distance)).expect("a distance");
         assert!((back - distance).abs() <= quantization.error_bound());
+    }
+
+    #[test]
+    fn the_largest_magnitudes_have_a_bound() {
+        assert!(HitGradientQuantization::new(0.0, f32::MAX, Precision::default()).error_bound().is_finite());
     }
 
     #[test]

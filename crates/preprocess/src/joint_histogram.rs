@@ -36,8 +36,9 @@ pub fn value_axis(source: &Source<'_>, range: [f64; 2]) -> HistogramAxis {
         let bins = (count / per_bin).ceil();
         HistogramAxis { low: low - 0.5, high: low - 0.5 + bins * per_bin, bins: bins as u32 }
     };
-    let ends = [stored.low, stored.high].map(|end| source.slope.mul_add(end, source.intercept));
-    HistogramAxis { low: ends[0].min(ends[1]), high: ends[0].max(ends[1]), bins: stored.bins }
+    let [a, b] = [stored.low, stored.high].map(|end| source.slope.mul_add(end, source.intercept));
+    // Numbers that differ may be one physical value, but for rounding.
+    widened(a.min(b), a.max(b), stored.bins)
 }
 
 /// An axis over a range that may be empty.
@@ -46,7 +47,7 @@ pub fn widened(low: f64, high: f64, bins: u32) -> HistogramAxis {
     if low < high && (high - low).is_finite() {
         return HistogramAxis { low, high, bins };
     }
-    let margin = if low == 0.0 { 1.0 } else { low.abs() * 0.5 };
+    let margin = if low == 0.0 { 1.0 } else { (low.abs() * 0.5).max(f64::MIN_POSITIVE) };
     HistogramAxis { low: low - margin, high: low + margin, bins }
 }
 
@@ -416,9 +417,13 @@ mod tests {
     use crate::Grid;
 
     fn axis_of(scalars: Scalars, slope: f64) -> HistogramAxis {
+        mapped_axis_of(scalars, slope, 0.0)
+    }
+
+    fn mapped_axis_of(scalars: Scalars, slope: f64, intercept: f64) -> HistogramAxis {
         let geometry = GridGeometry::axis_aligned([scalars.len() as u32, 1, 1], [1.0; 3]);
         let range = scalars.finite_range().expect("finite numbers");
-        value_axis(&Source::from(&Grid::with_mapping("g", geometry, scalars, slope, 0.0).expect("a grid")), range)
+        value_axis(&Source::from(&Grid::with_mapping("g", geometry, scalars, slope, intercept).expect("a grid")), range)
     }
 
     #[test]
@@ -436,6 +441,11 @@ mod tests {
         assert_eq!((axis.low, axis.high, axis.bins), (-21.0, 1.0, 11));
         let axis = axis_of(Scalars::F32(vec![4.0, 4.0]), 1.0);
         assert!(axis.low < 4.0 && axis.high > 4.0);
+        let axis = axis_of(Scalars::F64(vec![5e-324; 2]), 1.0);
+        assert!(axis.low < 5e-324 && axis.high > 5e-324);
+        // All the same but for rounding.
+        let axis = mapped_axis_of(Scalars::I16(vec![0, 10]), 1e-17, 1000.0);
+        assert!(axis.low < 1000.0 && axis.high > 1000.0);
     }
 
     /// One voxel after the other, by the axes' own rule.

@@ -155,6 +155,11 @@ fn losses(format: ExportFormat, volume: &FieldVolume) -> Vec<String> {
     if format == ExportFormat::Nifti && nifti::unit_code(&geometry.unit).is_none() {
         losses.push(format!("NIfTI knows m, mm and µm only: the unit {} is left out", geometry.unit));
     }
+    #[cfg(feature = "zarr")]
+    if format == ExportFormat::OmeZarr && !geometry.unit.is_empty() && ome_metadata::unit_name(&geometry.unit).is_none()
+    {
+        losses.push(format!("OME-Zarr has no name for the unit {}: it is left out", geometry.unit));
+    }
     if format == ExportFormat::Nifti && volume.is_nan_without_boundary() {
         let reason = "as if the boundary was there: write NRRD for these";
         losses.push(format!("programs built on ITK (3D Slicer, ITK-SNAP) read the NaN of NIfTI as 0, {reason}"));

@@ -91,7 +91,7 @@ fn channels(volume: &FieldVolume) -> Vec<Value> {
 }
 
 /// The names of UDUNITS-2 that the specification lists.
-fn unit_name(unit: &str) -> Option<&'static str> {
+pub(super) fn unit_name(unit: &str) -> Option<&'static str> {
     Some(match unit {
         "km" => "kilometer",
         "m" => "meter",
@@ -100,8 +100,8 @@ fn unit_name(unit: &str) -> Option<&'static str> {
         "\u{b5}m" => "micrometer",
         "nm" => "nanometer",
         "pm" => "picometer",
-        "\u{c5}" | "\u{212b}" => "angstrom",
-        "in" | "inch" => "inch",
+        "\u{c5}" => "angstrom",
+        "in" => "inch",
         _ => return None,
     })
 }

@@ -95,7 +95,8 @@ fn open_as_it_is(path: &Path, options: &ReadOptions) -> Result<VolumeFile> {
         return tiff::read_folder(path, options);
     }
     if path.is_dir() {
-        return dicom::read(path, options);
+        let volume = dicom::read(path, options);
+        return volume.map_err(|error| left_out_folder(path).map_or(error, |message| Error::format(path, message)));
     }
     let start = probe(path)?;
     if dicom::is_dicom(&start) {
@@ -189,11 +190,29 @@ fn known_otherwise(start: &[u8]) -> Option<String> {
         return convert("VTK's legacy format", "for example with ParaView: Save Data, VTK ImageData Files (.vti)");
     }
     if [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic)) {
-        let message =
-            "found TIFF, whose reader was left out when this program was built: build it with the feature `tiff`";
-        return Some(message.into());
+        return Some(left_out("TIFF", "tiff"));
     }
     None
+}
+
+/// Why a format cannot be read that the program was built without.
+fn left_out(found: &str, feature: &str) -> String {
+    format!(
+        "found {found}, whose reader was left out when this program was built: build it with the feature `{feature}`"
+    )
+}
+
+/// The same for a folder.
+fn left_out_folder(path: &Path) -> Option<String> {
+    if !cfg!(feature = "zarr") && ["zarr.json", ".zarray", ".zgroup"].iter().any(|name| path.join(name).exists()) {
+        return Some(left_out("a Zarr store", "zarr"));
+    }
+    let is_tiff = |name: &Path| {
+        name.extension().is_some_and(|found| found.eq_ignore_ascii_case("tif") || found.eq_ignore_ascii_case("tiff"))
+    };
+    let has_tiff =
+        || std::fs::read_dir(path).is_ok_and(|entries| entries.flatten().any(|entry| is_tiff(&entry.path())));
+    (!cfg!(feature = "tiff") && has_tiff()).then(|| left_out("a folder of TIFF files", "tiff"))
 }
 
 #[cfg(test)]

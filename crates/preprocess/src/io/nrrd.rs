@@ -65,7 +65,13 @@ fn parse<'a>(path: &'a Path, lines: &mut HeaderLines<'_>) -> Result<(Fields<'a>,
         match line.split_once(':') {
             // A key/value pair: of meaning to others only.
             Some((_, value)) if value.starts_with('=') => {}
-            Some((name, value)) => fields.insert(name, value)?,
+            Some((name, value)) => {
+                fields.insert(name, value)?;
+                if fields.get(&["data file"]).is_some_and(|files| files.starts_with("LIST")) {
+                    // Names of files follow.
+                    return Ok((fields, false));
+                }
+            }
             None => return Err(fields.fail(format!("header: expected `field: value`, found {}", shown(&line)))),
         }
     }

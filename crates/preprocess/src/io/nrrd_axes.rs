@@ -225,7 +225,7 @@ impl<'f> Axes<'f> {
             None => ("units", spatial),
         };
         let Some(text) = self.fields.get(&[name]) else { return Ok(String::new()) };
-        let count = if self.directions.is_some() { 3 } else { self.sizes.len() };
+        let count = if self.directions.is_some() { self.space.dimension } else { self.sizes.len() };
         let units = quoted(text)
             .filter(|units| units.len() == count)
             .ok_or_else(|| self.fields.unexpected(name, &format!("{count} units in double quotes"), text))?;

@@ -116,8 +116,13 @@ fn unit_name(name: &str) -> std::result::Result<String, String> {
         "um" | "\u{3bc}m" | "micron" | "microns" | "micrometer" | "micrometers" | "micrometre" | "micrometres" => {
             "\u{b5}m"
         }
+        "angstrom" | "angstroms" | "\u{212b}" => "\u{c5}",
+        "picometer" | "picometers" | "picometre" | "picometres" => "pm",
         "nanometer" | "nanometers" | "nanometre" | "nanometres" => "nm",
+        "centimeter" | "centimeters" | "centimetre" | "centimetres" => "cm",
+        "inch" | "inches" => "in",
         "meter" | "meters" | "metre" | "metres" => "m",
+        "kilometer" | "kilometers" | "kilometre" | "kilometres" => "km",
         "none" | "unknown" | "???" => "",
         other => other,
     }
@@ -191,6 +196,11 @@ mod tests {
         assert_eq!(unit_name("um"), Ok("µm".into()));
         assert_eq!(unit_name("micron"), Ok("µm".into()));
         assert_eq!(unit_name(" mm "), Ok("mm".into()));
+        for (long, short) in
+            [("angstrom", "Å"), ("picometers", "pm"), ("centimetre", "cm"), ("inch", "in"), ("kilometer", "km")]
+        {
+            assert_eq!(unit_name(long), Ok(short.into()));
+        }
         assert_eq!(unit_name("parsec"), Ok("parsec".into()));
         assert!(unit_name(&"m".repeat(33)).is_err());
         assert!(unit_name("m\0m").is_err());

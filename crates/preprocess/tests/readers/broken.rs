@@ -150,6 +150,7 @@ fn nrrd_headers() {
         ("encoding: raw", "encoding: raw\nencoding: raw", &["once", "twice"]),
         ("encoding: raw", "no field at all", &["field: value", "no field at all"]),
         ("encoding: raw", "encoding: raw\ndata file: LIST", &["one file", "LIST"]),
+        ("encoding: raw", "encoding: raw\ndata file: LIST\na.raw\nb.raw", &["one file", "unu join"]),
         ("encoding: raw", "encoding: raw\ndata file: slice%03d.raw 1 5 1", &["one file", "slice%03d.raw"]),
         ("encoding: raw", "encoding: raw\ndata file: nowhere.raw", &["nowhere.raw", "`data file` names that file"]),
     ]);
