@@ -19,7 +19,7 @@ use crate::open::{open_or_prepare, read_stored};
 use crate::picture::Animation;
 use crate::reference::SampleCounts;
 use crate::render::DeviceMemory;
-use crate::state::{Camera, Classification, Crop, Region, SavedVolume, TransferFunction, ViewState};
+use crate::state::{Camera, Classification, Crop, Region, SavedVolume, ViewState};
 use crate::streaming::TexelSource;
 use crate::streaming::memory_bound::bound;
 use crate::usage::{check_render, check_view};
@@ -264,6 +264,11 @@ pub fn first_picture(reader: &Reader, output: &Path) -> anyhow::Result<()> {
     write(output, &picture.to_png()?)
 }
 
+/// A path from wherever a session is saved and opened.
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+}
+
 /// What a session file says.
 ///
 /// # Errors
@@ -277,7 +282,7 @@ pub fn read_session(path: &Path) -> anyhow::Result<ViewState> {
     // From where the session lies, wherever it is opened.
     for mesh in &mut state.scene.meshes {
         if let (true, Some(folder)) = (Path::new(&mesh.path).is_relative(), path.parent()) {
-            mesh.path = folder.join(&mesh.path).display().to_string();
+            mesh.path = absolute(&folder.join(&mesh.path));
         }
     }
     Ok(state)
@@ -351,8 +356,7 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
     let ViewState { camera, transfer_function, clipping, render_settings, scene, .. } = &mut state;
     arguments.scene.apply(scene);
     for mesh in &mut scene.meshes {
-        // So that a session that is saved can be opened from anywhere.
-        mesh.path = std::path::absolute(&mesh.path).unwrap_or_else(|_| (&mesh.path).into()).display().to_string();
+        mesh.path = absolute(Path::new(&mesh.path));
     }
     fn set<T: Clone>(place: &mut T, typed: &Option<T>) {
         if let Some(typed) = typed {
@@ -380,15 +384,10 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
 
 /// Takes the proposed regions where neither a region nor a curve says what to draw.
 fn propose_where_needed(state: &mut ViewState, reader: &Reader) -> anyhow::Result<()> {
-    let TransferFunction { classification, regions, curve, .. } = &mut state.transfer_function;
-    let has_curve = !curve.points().is_empty();
-    match classification {
-        Classification::Roles if regions.is_empty() && !has_curve => {
-            *regions = proposed_regions(reader)?;
-            Ok(())
-        }
-        Classification::Roles | Classification::Value | Classification::Stored => Ok(()),
+    if state.transfer_function.draws_nothing() {
+        state.transfer_function.regions = proposed_regions(reader)?;
     }
+    Ok(())
 }
 
 fn proposed_regions(reader: &Reader) -> anyhow::Result<Vec<Region>> {

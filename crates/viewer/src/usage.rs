@@ -6,7 +6,7 @@
 use voxrole_preprocess::usage::{UsageError, refuse_if};
 
 use crate::args::{RenderArgs, ViewArgs};
-use crate::state::{Classification, Clipping, Integration, Scene, Technique, ViewState};
+use crate::state::{Classification, Clipping, Integration, Scene, Technique, TransferFunction, ViewState};
 
 /// Holds what was typed of a view against what it comes to.
 ///
@@ -19,6 +19,9 @@ pub fn check_view(typed: &ViewArgs, state: &ViewState) -> Result<(), UsageError>
     let found = state.scene.meshes.len() + state.scene.isosurfaces.len();
     let most = Scene::MOST_SURFACES;
     refuse_if(found > most, format!("--mesh and --isosurface: expected {most} at most, found {found}"))?;
+    let found = state.transfer_function.regions.len();
+    let most = TransferFunction::MOST_REGIONS;
+    refuse_if(found > most, format!("--region: expected {most} at most, found {found}"))?;
     if let Some(crop) = typed.crop {
         let is_before = crop.ends.iter().any(|[_, high]| *high < -0.5);
         refuse_if(is_before, format!("--crop {crop} keeps nothing: a volume's voxels are counted from 0"))?;
@@ -128,6 +131,7 @@ mod tests {
             ("--crop :,-9:-1,:".into(), "keeps nothing"),
             ("--clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1".into(), "at most 4"),
             ("--isosurface 1 ".repeat(Scene::MOST_SURFACES + 1), "32 at most"),
+            ("--region 1:2,3:4,FFFFFF ".repeat(TransferFunction::MOST_REGIONS + 1), "256 at most"),
         ] {
             let message = check(&options, &default).expect_err(&options).to_string();
             assert!(message.contains(expected), "{options}: {message}");

@@ -128,6 +128,11 @@ impl BrickAtlas {
         along_axes(brick, [self.grid[0] as usize, self.grid[1] as usize]).map(|brick| brick * BRICK)
     }
 
+    /// How many bricks there are.
+    pub fn count(&self) -> usize {
+        self.places.len()
+    }
+
     /// How many bricks there is room for.
     pub fn room(&self) -> usize {
         self.slots.len()

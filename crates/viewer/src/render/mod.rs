@@ -23,3 +23,4 @@ pub use device_memory::{DeviceMemory, Normals};
 pub use gpu::Gpu;
 pub use renderer::Renderer;
 pub use target::Target;
+pub use volume_textures::normals_of_a_file;

@@ -237,7 +237,9 @@ impl Renderer {
                 let slice_blending = made(&mut self.slice_blending, gpu, &self.bindings, false)?;
                 slice_blending.draw(gpu, &self.bind_group, (&frame, slicing), target, rows)
             }
-            Passes::Bricks(bricks) if is_by_value && frame.slicing.is_none() && bricks.0.room() < MOST_OF_STEP => {
+            Passes::Bricks(bricks)
+                if is_by_value && frame.slicing.is_none() && bricks.0.room() < MOST_OF_STEP.min(bricks.0.count()) =>
+            {
                 let (found, needed) = (bricks.0.room(), MOST_OF_STEP);
                 Err(too_large(
                     gpu,

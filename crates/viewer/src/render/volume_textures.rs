@@ -67,19 +67,14 @@ impl VolumeTextures {
         let is_short = dims.iter().all(|&dim| dim <= limit);
         if memory.normals == Normals::Compressed {
             let fits = is_short && budget.is_none_or(|budget| compressed_bytes(dims) <= budget);
-            let less = match source {
-                TexelSource::Memory(volume) if fits => {
-                    return WholeVolume::compressed(gpu, volume).map(Self::Whole);
+            return match source {
+                TexelSource::Memory(volume) if fits => WholeVolume::compressed(gpu, volume).map(Self::Whole),
+                TexelSource::Memory(_) if is_short => {
+                    Err(not_whole("there is room for less (--gpu-memory gives more)"))
                 }
-                TexelSource::Memory(_) if is_short => "there is room for less (--gpu-memory gives more)".to_owned(),
-                TexelSource::Memory(_) => format!("its textures are {limit} voxels long"),
-                TexelSource::File(_) => {
-                    "it takes more of the computer's memory than it may (--memory gives more)".to_owned()
-                }
+                TexelSource::Memory(_) => Err(not_whole(&format!("its textures are {limit} voxels long"))),
+                TexelSource::File(_) => Err(normals_of_a_file()),
             };
-            return Err(Error::Normals {
-                reason: format!("they are where all of the volume is on the GPU, and {less}"),
-            });
         }
         let bytes = dims.iter().map(|&dim| u64::from(dim)).product::<u64>() * BYTES_PER_TEXEL as u64;
         let mut room = match source {
@@ -107,6 +102,16 @@ impl VolumeTextures {
         }
         BrickAtlas::new(gpu, source, room).map(Self::Bricks)
     }
+}
+
+/// Why the normals of a volume cannot be compressed that stays in its file.
+#[must_use]
+pub fn normals_of_a_file() -> Error {
+    not_whole("it takes more of the computer's memory than it may (--memory gives more)")
+}
+
+fn not_whole(why: &str) -> Error {
+    Error::Normals { reason: format!("they are where all of the volume is on the GPU, and {why}") }
 }
 
 impl WholeVolume {

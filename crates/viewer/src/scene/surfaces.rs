@@ -118,10 +118,17 @@ fn level_of(isosurface: &Isosurface, volume: &VolumeDescription) -> Result<f32> 
 /// Goes through a file by rows of bricks, with the values of a few slices more in memory.
 fn find_in_file(packed: &PackedVolume, isosurface: &Isosurface, level: f32, room: usize) -> Result<Option<Triangles>> {
     const NAME: &str = "`--isosurface`";
-    let [slice, depth] = packed.slices();
+    let [slice, _] = packed.slices();
     // Those that are kept for the next row are three.
     let bytes = slice as u64 * size_of::<u16>() as u64 * (BRICK_EDGE as u64 + 3);
     packed.claim(NAME, bytes)?;
+    let found = find_by_rows(packed, isosurface, level, room);
+    packed.release(NAME);
+    found
+}
+
+fn find_by_rows(packed: &PackedVolume, isosurface: &Isosurface, level: f32, room: usize) -> Result<Option<Triangles>> {
+    let [slice, depth] = packed.slices();
     let mut net = SurfaceNet::new(level, isosurface.color, room);
     let (mut values, mut kept, mut done) = (Vec::<u16>::new(), 0..0, 0);
     while done < depth {
@@ -132,7 +139,6 @@ fn find_in_file(packed: &PackedVolume, isosurface: &Isosurface, level: f32, room
         let first = kept.start * slice;
         let field = field(packed.description(), |voxel| f32::from(values[voxel - first]));
         if net.extend(&field, done..ready).is_none() {
-            packed.release(NAME);
             return Ok(None);
         }
         done = ready;
@@ -140,7 +146,6 @@ fn find_in_file(packed: &PackedVolume, isosurface: &Isosurface, level: f32, room
         values.drain(..(needed - kept.start) * slice);
         kept.start = needed;
     }
-    packed.release(NAME);
     Ok(net.finish())
 }
 

@@ -72,6 +72,8 @@ pub struct ViewAxes {
 impl Camera {
     /// Smallest and largest [`Self::zoom`].
     pub const ZOOM_RANGE: [f32; 2] = [0.05, 100.0];
+    /// How far [`Self::pan`] goes, either way.
+    pub const FARTHEST_PAN: f32 = 100.0;
     /// Smallest and largest [`Self::field_of_view`].
     pub const FIELD_OF_VIEW_RANGE: [f32; 2] = [1.0, 150.0];
 
@@ -102,11 +104,12 @@ impl Camera {
         }
     }
 
-    /// Moves the picture by a share of its shorter side, to the right and up.
+    /// Moves the picture by a share of its shorter side, to the right and up, up to [`Self::FARTHEST_PAN`].
     pub fn pan_by(&mut self, right: f32, up: f32) {
         // The shorter side shows the sphere's diameter at zoom 1.
-        self.pan[0] -= 2.0 * right / self.zoom;
-        self.pan[1] -= 2.0 * up / self.zoom;
+        for (pan, moved) in self.pan.iter_mut().zip([right, up]) {
+            *pan = (*pan - 2.0 * moved / self.zoom).clamp(-Self::FARTHEST_PAN, Self::FARTHEST_PAN);
+        }
     }
 
     /// The camera's axes in the world.

@@ -1,7 +1,8 @@
 //! What the user set, as a file: TOML, in which regions, emphases and cuts are written as they are typed.
 
 use super::{
-    Camera, ClipPlane, Clipping, Crop, Curve, Isosurface, MeshFile, ParseError, Region, TwoSidedEmphasis, ViewState,
+    Camera, ClipPlane, Clipping, Crop, Curve, Isosurface, MeshFile, ParseError, Region, TransferFunction,
+    TwoSidedEmphasis, ViewState,
 };
 use crate::frame::Frame;
 use crate::reference::MAX_IMAGE_SIDE;
@@ -48,7 +49,7 @@ impl ViewState {
             ("light: azimuth", light.azimuth, any),
             ("light: elevation", light.elevation, any),
         ];
-        numbers.extend(camera.pan.map(|pan| ("camera: pan", pan, [-100.0, 100.0])));
+        numbers.extend(camera.pan.map(|pan| ("camera: pan", pan, [-Camera::FARTHEST_PAN, Camera::FARTHEST_PAN])));
         numbers.extend(settings.background.map(|channel| ("background", channel, [0.0, 1.0])));
         for (name, number, [low, high]) in numbers {
             if !(low..=high).contains(&number) {
@@ -64,6 +65,10 @@ impl ViewState {
         if clipping.planes.len() > Clipping::MOST_PLANES {
             let (found, most) = (clipping.planes.len(), Clipping::MOST_PLANES);
             return Err(ParseError(format!("planes: expected {most} at most, found {found}")));
+        }
+        let (found, most) = (self.transfer_function.regions.len(), TransferFunction::MOST_REGIONS);
+        if found > most {
+            return Err(ParseError(format!("regions: expected {most} at most, found {found}")));
         }
         self.scene.check()
     }
@@ -166,6 +171,10 @@ mod tests {
             let message = ViewState::from_toml(text).expect_err(text).to_string();
             assert!(message.contains(expected), "{message}");
         }
+        let regions = "\"1:2,3:4,FFFFFF\", ".repeat(TransferFunction::MOST_REGIONS + 1);
+        let text = format!("[transfer_function]\nregions = [{regions}]\n");
+        let message = ViewState::from_toml(&text).expect_err("too many").to_string();
+        assert!(message.contains("regions: expected 256 at most, found 257"), "{message}");
         let map = "A".repeat(80_000);
         let text = format!("[transfer_function]\nregions = [\"painted:{map},1:2,3:4,00FF00\"]\n");
         let message = ViewState::from_toml(&text).expect_err("is no map").to_string();

@@ -17,3 +17,14 @@ pub struct TransferFunction {
     /// Opacity by distance, for the regions that have none of their own.
     pub emphasis: TwoSidedEmphasis,
 }
+
+impl TransferFunction {
+    /// Most [`Self::regions`]: those with an opacity by distance of their own take a megabyte of tables each.
+    pub const MOST_REGIONS: usize = 256;
+
+    /// Whether nothing says what is drawn of the boundaries.
+    #[must_use]
+    pub fn draws_nothing(&self) -> bool {
+        self.classification == Classification::Roles && self.regions.is_empty() && self.curve.points().is_empty()
+    }
+}

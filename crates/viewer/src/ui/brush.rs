@@ -6,7 +6,7 @@ use super::axis::PlotArea;
 use super::histogram::HistogramPanel;
 use super::region_grip::{place_in, screen_rect};
 use super::theme;
-use crate::state::{PaintedMap, Region, Shape};
+use crate::state::{PaintedMap, Region, Shape, TransferFunction};
 
 /// Radii of the brush, in points.
 const RADII: [f32; 2] = [2.0, 60.0];
@@ -99,6 +99,7 @@ fn begin(panel: &mut HistogramPanel, area: &PlotArea, regions: &mut Vec<Region>,
     let index = match panel.brush.tool {
         Tool::Outline => None,
         _ if selected.is_some() => selected,
+        Tool::Paint if regions.len() >= TransferFunction::MOST_REGIONS => None,
         Tool::Paint => {
             let [value, gradient] = panel.span().map(|span| span.map(|end| end as f32));
             let shape = Shape::Painted(PaintedMap::blank());

@@ -13,6 +13,7 @@ use super::preview_scene::PreviewScene;
 use super::refinement::{Detail, PASS_BUDGET};
 use crate::drawing::Drawing;
 use crate::reference::RayMarcher;
+use crate::scene::Surfaces;
 use crate::state::ViewState;
 use crate::volume::VolumeTexels;
 use crate::{Error, Picture, Result, Watch};
@@ -23,7 +24,7 @@ const REPORT: Duration = Duration::from_secs(2);
 /// The thread, and what it draws.
 pub struct CpuDrawer {
     volume: Arc<VolumeTexels>,
-    /// Shared with the thread, which looks for surfaces.
+    /// Of the volume or, where that is too large, of a coarser level. The thread looks for surfaces; nobody waits for it.
     scene: Arc<Mutex<PreviewScene>>,
     /// Not that of the whole program: pictures would wait for bricks to be unpacked.
     pool: Arc<ThreadPool>,
@@ -95,7 +96,9 @@ impl Drawer for CpuDrawer {
 
     fn replace_volume(&mut self, volume: &Arc<VolumeTexels>) -> Result<()> {
         self.running = None;
-        self.scene.lock().unwrap_or_else(PoisonError::into_inner).replace_volume(volume);
+        if PreviewScene::has_room_for(volume) {
+            self.scene = Arc::new(Mutex::new(PreviewScene::new(volume)));
+        }
         // The thread before ends with its sender.
         self.requests = begin_thread(volume, &self.scene, &self.pool);
         self.volume = Arc::clone(volume);
@@ -196,7 +199,8 @@ fn begin_thread(
     thread::spawn(move || {
         let mut marcher = None;
         for request in requests {
-            let drawn = pool.install(|| draw(&volume, &mut marcher, &scene, &request));
+            let drawn = surfaces_of(&scene, &pool, &request)
+                .and_then(|surfaces| pool.install(|| draw(&volume, &mut marcher, surfaces, &request)));
             if let Some(answer) = drawn.transpose() {
                 // Nobody waits for what is no longer wanted.
                 let _ = request.answer.send(answer);
@@ -207,19 +211,27 @@ fn begin_thread(
     sender
 }
 
+/// The surfaces of a picture; `None` when it is given up. Locked by a thread that is none of the pool's: one of those could take on
+/// another picture's work while it waits, and wait for itself.
+fn surfaces_of(scene: &Mutex<PreviewScene>, pool: &ThreadPool, request: &Request) -> Result<Option<Arc<Surfaces>>> {
+    if request.watch.is_given_up() {
+        return Ok(None);
+    }
+    let mut scene = scene.lock().unwrap_or_else(PoisonError::into_inner);
+    let scene = &mut *scene;
+    pool.install(|| scene.surfaces(&request.state.scene)).map(Some)
+}
+
 /// Draws a picture; `None` when it is given up. What the marcher needs not make anew it keeps for the next one.
 fn draw<'a>(
     volume: &'a VolumeTexels,
     kept: &mut Option<RayMarcher<'a>>,
-    scene: &Mutex<PreviewScene>,
+    surfaces: Option<Arc<Surfaces>>,
     request: &Request,
 ) -> Result<Option<Answer>> {
     let Request { state, size, watch, .. } = request;
-    if watch.is_given_up() {
-        return Ok(None);
-    }
+    let Some(surfaces) = surfaces else { return Ok(None) };
     let start = Instant::now();
-    let surfaces = scene.lock().unwrap_or_else(PoisonError::into_inner).surfaces(&state.scene)?;
     let marcher = match kept.take() {
         Some(mut marcher) => {
             marcher.look_at(state, *size, surfaces)?;

@@ -1,8 +1,8 @@
 //! Opacity by value alone: control points one by one, and what they come to over the volume's values.
 
-use egui::{Button, DragValue, Role, Sense, Ui, WidgetInfo, pos2, vec2};
+use egui::{Button, Role, Sense, Ui, WidgetInfo, pos2, vec2};
 
-use super::form::color_button;
+use super::form::{color_button, number_value};
 use super::theme;
 use crate::state::{Classification, ControlPoint, Curve, TransferFunction};
 
@@ -36,9 +36,9 @@ pub fn curve_ui(ui: &mut Ui, transfer_function: &mut TransferFunction, range: [f
                 let ControlPoint { value, color, opacity } = &mut points[index];
                 let number = index + 1;
                 color_button(ui, &format!("Colour of point {number}"), color);
-                let edit = DragValue::new(value).range(least..=most).speed((high - low) / 500.0).prefix("v ");
+                let edit = number_value(value, least..=most).speed((high - low) / 500.0).prefix("v ");
                 ui.add(edit).accessible_name(format!("Value of point {number}"));
-                let edit = DragValue::new(opacity).range(0.0..=1.0).speed(0.005).prefix("αu ");
+                let edit = number_value(opacity, 0.0..=1.0).speed(0.005).prefix("αu ");
                 ui.add(edit).accessible_name(format!("Opacity of point {number}"));
                 if ui.small_button("×").accessible_name(format!("Remove point {number}")).clicked() {
                     removed = Some(index);

@@ -1,6 +1,9 @@
 //! Rows and sections that settings are laid out in.
 
-use egui::{CollapsingHeader, Grid, RichText, Slider, Ui, WidgetText};
+use std::ops::RangeInclusive;
+
+use egui::emath::Numeric;
+use egui::{CollapsingHeader, DragValue, Grid, RichText, Slider, SliderClamping, Ui, WidgetText};
 
 use super::theme;
 
@@ -24,12 +27,19 @@ pub fn rows<R>(ui: &mut Ui, name: &str, add_contents: impl FnOnce(&mut Ui) -> R)
     Grid::new(name).num_columns(2).min_col_width(LABEL_WIDTH).spacing([8.0, 3.0]).show(ui, add_contents).inner
 }
 
-/// A row with a slider.
+/// A row with a slider. Its number stays as it is until somebody moves it, also where it has more digits than are shown or lies
+/// beyond the slider's ends.
 pub fn slider_row(ui: &mut Ui, label: &str, help: &str, enabled: bool, slider: Slider<'_>) {
     let label = ui.label(label).on_hover_text(help);
     ui.spacing_mut().interact_size.x = NUMBER_WIDTH;
+    let slider = slider.clamping(SliderClamping::Edits);
     ui.add_enabled(enabled, slider).labelled_by(label.id).on_hover_text(help);
     ui.end_row();
+}
+
+/// A number to drag or type within a range; like a slider's it stays as it is until somebody changes it.
+pub fn number_value<N: Numeric>(number: &mut N, range: RangeInclusive<N>) -> DragValue<'_> {
+    DragValue::new(number).range(range).clamp_existing_to_range(false)
 }
 
 /// A row with a colour in display values that opens a picker.

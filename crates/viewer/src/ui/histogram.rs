@@ -15,7 +15,7 @@ use super::opened_volume::OpenedVolume;
 use super::painted_maps::PaintedMaps;
 use super::region_grip::{Grip, region_at, screen_rect};
 use super::theme;
-use crate::state::{Region, Shape};
+use crate::state::{Region, Shape, TransferFunction};
 
 /// Height of the plot with its axes, in points.
 const HEIGHT: f32 = 270.0;
@@ -197,7 +197,7 @@ fn follow(panel: &mut HistogramPanel, drag: RegionDrag, to: [f64; 2], area: &Plo
             if (0..2).any(|axis| (to[axis] - from[axis]).abs() < 2.0 * per_point[axis]) {
                 return;
             }
-            if regions.len() == index {
+            if regions.len() == index && index < TransferFunction::MOST_REGIONS {
                 regions.push(panel.new_region(regions));
             }
             if let Some(region) = regions.get_mut(index) {

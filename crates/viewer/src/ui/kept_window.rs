@@ -50,16 +50,16 @@ impl KeptWindow {
         }
     }
 
-    /// Shows what a session says; the proposed regions stay where it has none. Returns what is to be said where it was saved of
+    /// Shows what a session says; the proposed regions stay where it draws nothing. Returns what is to be said where it was saved of
     /// another volume; the window says so too.
     pub fn open_session(&mut self, mut session: ViewState) -> Option<&str> {
         let volume = SavedVolume::of(&self.volume.header);
         self.notice = volume.mismatch(session.volume.as_ref());
         session.volume = Some(volume);
         let proposed = std::mem::replace(&mut self.view, session).transfer_function.regions;
-        let regions = &mut self.view.transfer_function.regions;
-        if regions.is_empty() {
-            *regions = proposed;
+        let transfer_function = &mut self.view.transfer_function;
+        if transfer_function.draws_nothing() {
+            transfer_function.regions = proposed;
         }
         self.notice.as_deref()
     }

@@ -12,7 +12,7 @@ use super::drawer::{Drawer, Pace, picture_size};
 use super::gpu_drawer::GpuDrawer;
 use super::refinement::{Action, Detail, Refinement, work};
 use crate::device_args::DeviceArgs;
-use crate::render::Gpu;
+use crate::render::{Gpu, Normals, normals_of_a_file};
 use crate::state::ViewState;
 use crate::streaming::memory_bound::{BYTES_PER_TEXEL, level_bytes};
 use crate::volume::VolumeTexels;
@@ -28,7 +28,7 @@ pub struct Preview {
     /// Draws the finest level of a volume that is larger than the memory for it; the drawer above has a coarser one.
     bricks: Option<BrickDrawer>,
     /// Where bricks can be drawn, and how much of the device's memory the volume takes at most.
-    device: Option<(RenderState, Gpu, Option<u64>)>,
+    device: Option<(RenderState, Gpu, DeviceArgs)>,
     /// Whether the bricks' picture is the last one.
     shows_bricks: bool,
     /// Whether the picture for a file is the bricks'.
@@ -72,7 +72,7 @@ impl Preview {
         Ok(Self {
             drawer,
             bricks: None,
-            device: (!on_cpu).then(|| (render_state.clone(), gpu, device.gpu_memory)),
+            device: (!on_cpu).then(|| (render_state.clone(), gpu, device)),
             shows_bricks: false,
             saves_bricks: false,
             damage: None,
@@ -101,24 +101,27 @@ impl Preview {
     /// where no bricks can be drawn.
     #[must_use]
     pub fn room_beside_bricks(&self, memory: u64) -> Option<u64> {
-        let (.., budget) = self.device.as_ref()?;
-        Some((memory / COARSER_OF_MEMORY).min(budget.map_or(u64::MAX, |budget| budget / COARSER_OF_DEVICE)))
+        let (.., device) = self.device.as_ref()?;
+        Some((memory / COARSER_OF_MEMORY).min(device.gpu_memory.map_or(u64::MAX, |budget| budget / COARSER_OF_DEVICE)))
     }
 
     /// Makes ready, beside the window, to draw the finest level of a file by bricks, of which `memory` bytes are kept. The level
     /// that is shown goes on to be drawn while a hand moves.
     ///
     /// # Errors
-    /// As [`BrickDrawer::new`].
+    /// As [`BrickDrawer::new`]; [`Error::Normals`] where they are to be compressed.
     pub fn draw_bricks(&mut self, reader: Arc<Reader>, memory: u64, context: &egui::Context) -> Result<()> {
-        let Some((render_state, gpu, budget)) = &self.device else { return Ok(()) };
+        let Some((render_state, gpu, device)) = &self.device else { return Ok(()) };
+        if device.normals == Some(Normals::Compressed) {
+            return Err(normals_of_a_file());
+        }
         let texels = level_bytes(&reader, self.drawer.level())?;
         // Its values are kept for isosurfaces.
         let values = texels / BYTES_PER_TEXEL * 2;
         let room = Room {
             memory,
             coarser: if gpu.shares_memory { texels + values } else { values },
-            device: budget.map(|budget| budget.saturating_sub(texels)),
+            device: device.gpu_memory.map(|budget| budget.saturating_sub(texels)),
         };
         self.bricks = Some(BrickDrawer::new((render_state, gpu), reader, room, context)?);
         Ok(())

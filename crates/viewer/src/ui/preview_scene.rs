@@ -43,9 +43,15 @@ impl PreviewScene {
         Self { values, made_of: None, surfaces: Arc::default() }
     }
 
+    /// Whether isosurfaces are looked for among all voxels of a volume.
+    #[must_use]
+    pub fn has_room_for(volume: &VolumeTexels) -> bool {
+        volume.texels.len() <= MOST_VOXELS
+    }
+
     /// Takes another level of the volume, unless that is too large.
     pub fn replace_volume(&mut self, volume: &VolumeTexels) {
-        if volume.texels.len() <= MOST_VOXELS {
+        if Self::has_room_for(volume) {
             *self = Self::new(volume);
         }
     }

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::thread::{self, JoinHandle};
 
-use egui::{Button, DragValue, Label, RichText, TextEdit, Ui};
+use egui::{Button, Label, RichText, TextEdit, Ui};
 use voxrole_pack::atomic_file;
 
+use super::form::number_value;
 use super::preview::Preview;
 use super::theme;
 use crate::reference::MAX_IMAGE_SIDE;
@@ -209,5 +210,5 @@ pub fn save_picture_ui(
 }
 
 fn side(ui: &mut Ui, pixels: &mut u32, name: &str) {
-    ui.add(DragValue::new(pixels).range(1..=MAX_IMAGE_SIDE).speed(4)).on_hover_text(name).accessible_name(name);
+    ui.add(number_value(pixels, 1..=MAX_IMAGE_SIDE).speed(4)).on_hover_text(name).accessible_name(name);
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use egui::{Button, DragValue, Ui};
+use egui::{Button, Ui};
 
-use super::form::color_button;
+use super::form::{color_button, number_value};
 use crate::state::{Isosurface, Scene};
 
 /// Checkboxes for the lines, and the surfaces one by one; `range` is that of the volume's values.
@@ -22,7 +22,7 @@ pub fn scene_ui(ui: &mut Ui, scene: &mut Scene, range: [f64; 2]) {
             ui.horizontal(|ui| {
                 let number = index + 1;
                 ui.label("isosurface at");
-                let edit = DragValue::new(value).range(low..=high).speed((high - low) / 500.0);
+                let edit = number_value(value, low..=high).speed((high - low) / 500.0);
                 ui.add(edit).accessible_name(format!("Value of isosurface {number}"));
                 color_button(ui, &format!("Colour of isosurface {number}"), color);
                 if ui.small_button("×").accessible_name(format!("Remove isosurface {number}")).clicked() {

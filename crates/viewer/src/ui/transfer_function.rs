@@ -1,11 +1,13 @@
 //! The list of regions: colour, extent, opacity and soft edge of each.
 
-use egui::{ComboBox, DragValue, Response, Ui};
+use std::ops::RangeInclusive;
+
+use egui::{ComboBox, Response, Ui};
 use voxrole_preprocess::plot::numbers::short_number;
 
-use super::form::color_button;
+use super::form::{color_button, number_value};
 use super::histogram::HistogramPanel;
-use crate::state::{Region, Shape};
+use crate::state::{Region, Shape, TransferFunction};
 
 /// The regions one by one, and buttons that add one or bring back the proposed ones.
 pub fn transfer_function_ui(ui: &mut Ui, panel: &mut HistogramPanel, regions: &mut Vec<Region>, proposed: &[Region]) {
@@ -33,7 +35,8 @@ pub fn transfer_function_ui(ui: &mut Ui, panel: &mut HistogramPanel, regions: &m
         ui.weak("No region: nothing is drawn. Add one, or draw one in the histogram.");
     }
     ui.horizontal(|ui| {
-        if ui.button("Add region").on_hover_text("Or drag over free ground in the histogram").clicked() {
+        let add = ui.add_enabled(regions.len() < TransferFunction::MOST_REGIONS, egui::Button::new("Add region"));
+        if add.on_hover_text("Or drag over free ground in the histogram").clicked() {
             regions.push(panel.new_region(regions));
             panel.selected = Some(regions.len() - 1);
         }
@@ -119,7 +122,7 @@ fn shape_menu(ui: &mut Ui, number: usize, region: &mut Region) {
 }
 
 fn share_value(ui: &mut Ui, share: &mut f32, most: f32, name: &str) -> Response {
-    let value = DragValue::new(share).range(0.0..=most).speed(0.005).fixed_decimals(2);
+    let value = number_value(share, 0.0..=most).speed(0.005).fixed_decimals(2);
     ui.add_sized([40.0, 18.0], value).accessible_name(name)
 }
 
@@ -128,11 +131,16 @@ fn range_values(ui: &mut Ui, range: &mut [f32; 2], span: [f64; 2], name: &str) {
     let speed = (span[1] - span[0]) / 400.0;
     let least = ((span[1] - span[0]) / 4096.0) as f32;
     let [low, high] = *range;
-    let number = |number| DragValue::new(number).speed(speed).custom_formatter(|number, _| short_number(number));
     let [low_end, high_end] = range;
-    let low_value = number(low_end).range(f32::MIN..=high - least);
-    ui.add_sized([56.0, 18.0], low_value).accessible_name(format!("Lowest {name}"));
+    // Apart also where values are so large that `least` is lost in rounding.
+    let lowest = f32::MIN..=(high - least).min(high.next_down());
+    let highest = (low + least).max(low.next_up())..=f32::MAX;
+    range_end(ui, low_end, lowest, speed).accessible_name(format!("Lowest {name}"));
     ui.label("to");
-    let high_value = number(high_end).range(low + least..=f32::MAX);
-    ui.add_sized([56.0, 18.0], high_value).accessible_name(format!("Highest {name}"));
+    range_end(ui, high_end, highest, speed).accessible_name(format!("Highest {name}"));
+}
+
+fn range_end(ui: &mut Ui, end: &mut f32, range: RangeInclusive<f32>, speed: f64) -> Response {
+    let value = number_value(end, range).speed(speed).custom_formatter(|number, _| short_number(number));
+    ui.add_sized([56.0, 18.0], value)
 }

@@ -433,6 +433,49 @@ fn lines_and_surfaces_are_switched_on_and_shown() {
 }
 
 #[test]
+fn what_a_session_says_stays_as_it_is_until_somebody_changes_it() {
+    let Some(mut harness) = open() else { return };
+    let state = &mut harness.state_mut().view;
+    state.camera = Camera { azimuth: 270.5, elevation: 35.264, zoom: 0.333_33, ..Camera::default() };
+    state.render_settings.step = 4.0;
+    (state.render_settings.light.azimuth, state.render_settings.shading.ambient) = (-200.25, 0.123_456);
+    state.transfer_function.emphasis = "linear,0.004,20/concave,1,0.05,30".parse().expect("an emphasis");
+    state.clipping.planes = vec!["270,10.5,0.123456".parse().expect("a plane")];
+    // Narrower than a hand can make one.
+    state.transfer_function.regions = vec!["0.5:0.50001,0.1:0.10001,FFFFFF".parse().expect("a region")];
+    let before = state.clone();
+    settle(&mut harness);
+    assert_eq!(harness.state().view, before);
+}
+
+#[test]
+fn the_camera_follows_a_slow_hand() {
+    let Some(mut harness) = open() else { return };
+    let middle = rect_of(&harness, PICTURE).center();
+    let button = |pos, pressed| Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    harness.hover_at(middle);
+    harness.step();
+    harness.event(button(middle, true));
+    harness.step();
+    let mut azimuths = Vec::new();
+    for point in 1..=30 {
+        harness.event(Event::PointerMoved(middle + vec2(point as f32, 0.0)));
+        harness.step();
+        azimuths.push(harness.state().view.camera.azimuth);
+    }
+    harness.event(button(middle + vec2(30.0, 0.0), false));
+    harness.step();
+    // The first few points may still become a click.
+    let turned = azimuths[29] - azimuths[9];
+    assert!((turned + 8.0).abs() < 0.01, "{azimuths:?}");
+}
+
+#[test]
 fn the_hand_orbits_pans_zooms_and_resets() {
     let Some(mut harness) = open() else { return };
     let middle = rect_of(&harness, PICTURE).center();

@@ -94,6 +94,14 @@ fn a_session_of_another_volume_is_told_of() {
     for session in [own, none] {
         assert_eq!(window.open_session(session), None);
     }
+    // Regions are proposed where a session draws nothing, as for `render`.
+    let (mut session, proposed) = (window.view.clone(), window.view.transfer_function.regions.clone());
+    session.transfer_function.regions.clear();
+    window.open_session(session.clone());
+    assert!(!proposed.is_empty() && window.view.transfer_function.regions == proposed);
+    session.transfer_function.curve = "0,FF0000,0.5".parse().expect("a curve");
+    window.open_session(session);
+    assert_eq!(window.view.transfer_function.regions, []);
     let told = window.open_session(other).expect("is another").to_owned();
     assert!(told.contains("saved of head.nrrd (values -1000 to 3000)"), "{told}");
     window.view.render_settings.step = 4.0;
