@@ -106,6 +106,9 @@ mod tests {
         let transfer_function = &mut state.transfer_function;
         transfer_function.classification = typed.view.classify.unwrap_or(transfer_function.classification);
         transfer_function.curve = typed.view.curve.clone().unwrap_or_default();
+        if !typed.view.regions.is_empty() {
+            transfer_function.regions = typed.view.regions.iter().map(|typed| typed.region.clone()).collect();
+        }
         check_view(&typed.view, &state).and_then(|()| check_render(&typed, &state))
     }
 
