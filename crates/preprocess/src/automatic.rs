@@ -72,7 +72,9 @@ pub fn choose(fields: &[&WorkingField], noise: f32, settings: &mut Settings) -> 
     let mut kernel = if settings.automatic.kernel { Kernel::QuinticSpline } else { settings.kernel };
     let (mut sigma, mut jitter) = width(kernel)?;
     let samples = edges.map(|edges| edges.samples_across(field.spacing, sigma));
-    if samples.is_some_and(|samples| samples < LEAST_BLUR) && settings.automatic.kernel {
+    // What is asked for on a spline needs one, whatever the edges are.
+    let needs_spline = settings.reconstruction == Reconstruction::Exact && !settings.automatic.reconstruction;
+    if samples.is_some_and(|samples| samples < LEAST_BLUR) && settings.automatic.kernel && !needs_spline {
         kernel = Kernel::Central2;
         (sigma, jitter) = width(kernel)?;
     }

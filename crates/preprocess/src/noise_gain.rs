@@ -146,14 +146,15 @@ impl Line {
         let mut squares = vec![[0.0; 2]; depths];
         for at in 0..len {
             let [value, first, _] = self.responses(at, len)?;
+            let mut first = first;
+            if let (Kernel::Central2, [a, b, c, ..]) = (self.kernel, value.as_slice()) {
+                // Central differences of second order have a border rule of their own.
+                first[0] = (-1.5 * a + 2.0 * b - 0.5 * c) / self.spacing;
+            }
             for (sums, response) in squares.iter_mut().zip(value.iter().zip(&first)) {
                 sums[0] += response.0 * response.0;
                 sums[1] += response.1 * response.1;
             }
-        }
-        // Central differences of second order have a border rule of their own, (−3, 4, −1)/2.
-        if self.kernel == Kernel::Central2 && self.sigmas.is_empty() && len > 2 {
-            squares[0][1] = 6.5 / (self.spacing * self.spacing);
         }
         Ok(squares.into_iter().map(|sums| sums.map(f32::sqrt)).collect())
     }
@@ -180,9 +181,12 @@ mod tests {
     #[test]
     fn the_gradient_s_noise_is_what_its_gains_say() {
         // White noise through the kernels themselves, at the faces and inside.
-        for (kernel, sigmas) in
-            [(Kernel::Central2, vec![]), (Kernel::QuinticSpline, vec![]), (Kernel::QuinticSpline, vec![1.0_f32])]
-        {
+        for (kernel, sigmas) in [
+            (Kernel::Central2, vec![]),
+            (Kernel::Central2, vec![0.5_f32]),
+            (Kernel::QuinticSpline, vec![]),
+            (Kernel::QuinticSpline, vec![1.0]),
+        ] {
             let mut sums = [0.0_f64; 3];
             let mut expected = [0.0; 3];
             let count = 40;

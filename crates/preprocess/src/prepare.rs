@@ -162,7 +162,7 @@ fn run(
         range_sigma: recipe.range_sigmas.shares.clone(),
         warning: recipe
             .under_sampling(outcome.summary.edges.as_ref())
-            .or_else(|| nothing_found(&outcome.summary.counts, low != high))
+            .or_else(|| nothing_found(&outcome.summary.counts, low != high, settings.noise_floor > 0.0))
             .or_else(|| recipe.noise_left(&outcome.summary.counts)),
         choice: recipe.choice,
         counts: outcome.summary.counts,
@@ -171,12 +171,13 @@ fn run(
 }
 
 /// A warning where a volume that is not the same everywhere has no boundary at all.
-fn nothing_found(counts: &Counts, varies: bool) -> Option<String> {
-    (counts.hits == 0 && varies && counts.masked < counts.voxels).then(|| {
-        "no voxel has a boundary: the volume's own steps may have been taken for noise, as those of a mask of 0 and 1 are: give \
-         --noise-floor 0"
-            .into()
-    })
+fn nothing_found(counts: &Counts, varies: bool, has_noise_floor: bool) -> Option<String> {
+    let why = if has_noise_floor {
+        "the volume's own steps may have been taken for noise, as those of a mask of 0 and 1 are: give --noise-floor 0"
+    } else {
+        "nowhere within --dmax does a gradient have its largest magnitude"
+    };
+    (counts.hits == 0 && varies && counts.masked < counts.voxels).then(|| format!("no voxel has a boundary: {why}"))
 }
 
 /// What is found out by reading the whole volume, and kept for the next run if this one is stopped.

@@ -127,6 +127,10 @@ pub struct Automatic {
 pub const LARGEST_D_MAX: f64 = 1000.0;
 /// Steps have to be longer than this, in multiples of L_min: a crossing is pinned down far below it anyway.
 pub const LEAST_STEP: f64 = 1e-3;
+/// The spatial σ of a filter is above this many multiples of `L_min`: far below a voxel it changes nothing.
+pub const LEAST_SIGMA: f64 = 1e-3;
+/// A bilateral filter's range σ is above this share of the range.
+pub const LEAST_RANGE_SIGMA: f64 = 1e-6;
 
 impl Settings {
     /// What refines a crossing: unless it is set, bisection where f'' is trilinear, many voxels at once, and Chandrupatla's
@@ -206,7 +210,7 @@ impl Settings {
         if self.d_max < self.step {
             return Err(Error::Parameter(format!("--dmax {} is shorter than --step {}", self.d_max, self.step)));
         }
-        inside("--spatial-sigma", self.smoothing.spatial_sigma, 0.0, 30.0)?;
+        inside("--spatial-sigma", self.smoothing.spatial_sigma, LEAST_SIGMA, 30.0)?;
         inside("--radius", self.smoothing.radius as f64, 0.0, 100.0)?;
         if !(0.0..=1e6).contains(&self.noise_floor) {
             return Err(Error::Parameter(format!(
@@ -215,13 +219,13 @@ impl Settings {
             )));
         }
         if let Kernel::Gaussian(sigma) = self.kernel {
-            inside("--derivative gaussian:", sigma, 0.0, 100.0)?;
+            inside("--derivative gaussian:", sigma, LEAST_SIGMA, 100.0)?;
         }
         if let Some(levels) = self.levels.filter(|levels| !(1..=MOST_LEVELS).contains(levels)) {
             return Err(Error::Parameter(format!("--levels {levels}: give a number from 1 to {MOST_LEVELS}")));
         }
         self.validate_reconstruction()?;
-        self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, 0.0, 1000.0))
+        self.smoothing.range_sigma.map_or(Ok(()), |sigma| inside("--range-sigma", sigma, LEAST_RANGE_SIGMA, 1000.0))
     }
 
     fn validate_reconstruction(&self) -> Result<()> {

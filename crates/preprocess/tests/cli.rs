@@ -211,6 +211,9 @@ fn what_is_chosen_and_what_is_unwise_is_said() {
     assert!(!warned("") && !warned("--method fast"));
     let said = workplace.succeed("prepare sharp.nrrd -o sharp.vxr");
     assert!(said.contains("central2"), "{said}");
+    // What is exact on a spline keeps it, whatever the edges are.
+    assert!(warned("--reconstruction exact"));
+    assert!(workplace.succeed("info sharp.vxr").contains("bspline5"));
 
     // Blurred by 1.5 voxels along x and y, but by half a voxel along z.
     workplace.succeed("phantom ball --dims 64,64,24 --spacing 1,1,3 -o thick.nrrd");
@@ -218,6 +221,31 @@ fn what_is_chosen_and_what_is_unwise_is_said() {
     assert!(said.contains("central2") && said.contains(" 0 are masked"), "{said}");
     let said = workplace.succeed("prepare noisy.nrrd -o given.vxr --smooth none --derivative central4");
     assert!(said.contains("the kernel was given") && said.contains("smoothing was given"), "{said}");
+
+    // A ramp has no edge: noise is blamed only where a floor is there for it.
+    let ramp: Vec<u8> = (0..24 * 24 * 24).map(|voxel| (voxel % 24) as u8 * 10).collect();
+    fs::write(workplace.path("ramp.raw"), ramp).expect("writes");
+    let blamed = |floor: &str| {
+        let line = "prepare ramp.raw --dims 24,24,24 --dtype u8 -o ramp.vxr --method fast --noise-floor";
+        let output = workplace.run(&format!("{line} {floor}"));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains("no voxel has a boundary"), "{said}");
+        said.contains("give --noise-floor 0")
+    };
+    assert!(blamed("4") && !blamed("0"));
+}
+
+#[test]
+fn rays_are_as_long_as_is_asked_for_whatever_the_step() {
+    let workplace = Workplace::new();
+    workplace.succeed("phantom ball --dims 24,24,24 -o ball.nrrd");
+    let hits = |options: &str| {
+        workplace.succeed(&format!("prepare ball.nrrd -o ball.vxr --method fast --report r.json {options}"));
+        let report: serde_json::Value = serde_json::from_slice(&workplace.read("r.json")).expect("is JSON");
+        report["counts"]["hits"].as_f64().expect("a number")
+    };
+    let [long, short] = ["--dmax 1.9 --step 1", "--dmax 1.9 --step 0.1"].map(hits);
+    assert!((long / short - 1.0).abs() < 0.03, "{long} and {short}");
 }
 
 #[test]
@@ -354,6 +382,10 @@ fn wrong_requests_are_explained() {
         ("slice ball.vxr --field value --axis z --index 3 -o out.jpg", "png"),
         ("histogram ball.vxr --kind v-g -o .", "."),
         ("prepare ball.nrrd -o out.vxr --report out.vxr", "two outputs"),
+        ("prepare ball.nrrd -o out.vxr --report ./out.vxr", "two outputs"),
+        ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --spatial-sigma 1e-39", "--spatial-sigma"),
+        ("prepare ball.nrrd -o out.vxr --smooth bilateral-value --range-sigma 1e-39", "--range-sigma"),
+        ("prepare ball.nrrd -o out.vxr --derivative gaussian:1e-39", "gaussian"),
         ("prepare ball.nrrd -o out.vxr --radius 3", "--smooth"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --range-sigma 0.1", "--range-sigma"),
         ("prepare ball.nrrd -o out.vxr --smooth gaussian-value --bilateral exact", "--bilateral"),
@@ -372,6 +404,7 @@ fn wrong_requests_are_explained() {
         ("phantom ball --dims 8,8,8 --value-offset 3 --dtype u12 -o out.nrrd", "range of stored numbers"),
         ("phantom marschner-lobb --dims 8,8,8 --blur 2 -o out.nrrd", "blur"),
         ("phantom ball --dims 8,8,8 -o out.nrrd --truth out.nrrd", "two outputs"),
+        ("phantom ball --dims 8,8,8 -o out.nrrd --truth ./out.nrrd", "two outputs"),
     ] {
         let message = workplace.refuse(line);
         assert!(message.contains(reason), "{line}: {message}");

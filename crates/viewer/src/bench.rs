@@ -65,6 +65,10 @@ pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
         print_regions(&state)?;
     }
     let rows = measure(volume, &state)?;
+    ensure!(
+        rows.iter().any(|row| row.error > 0.0),
+        "every picture is the same: nothing of the volume is visible, and there is nothing to measure"
+    );
     let source = file.file_name().unwrap_or_default().to_string_lossy();
     write(&table, csv(&source, &rows).as_bytes())?;
     let [width, height] = state.render_settings.image_size;

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use voxrole_pack::{HistogramKind, Reader};
-use voxrole_preprocess::console::print;
+use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::fields::Field;
-use voxrole_preprocess::io::read_volume;
+use voxrole_preprocess::io::open_volume;
 use voxrole_preprocess::phantom::{Phantom, PhantomSettings};
 use voxrole_preprocess::plot::{HistogramLabels, SliceAxis, field_slice_png, histogram_png};
 use voxrole_preprocess::progress::Progress;
@@ -32,7 +32,11 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     refuse_if(is_phantom && !typed.is_empty(), format!("the demo's own phantom is not read: leave {typed} out"))?;
     ensure!(!folder.is_file(), "{}: is a file, and -o names a folder", folder.display());
     let grid = match &arguments.input {
-        Some(path) => read_volume(path, &arguments.raw.read_options())?,
+        Some(path) => {
+            let volume = open_volume(path, &arguments.raw.read_options())?;
+            volume.notes().iter().for_each(|note| tell(format!("voxrole-view: {note}")));
+            volume.load()?
+        }
         None => phantom()?,
     };
     fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
@@ -45,6 +49,7 @@ pub fn run(arguments: &DemoArgs) -> anyhow::Result<()> {
     let counts = &report.counts;
     let share = 100.0 * counts.hits as f64 / counts.voxels as f64;
     print(&format!("prepared in {:.1} s: {share:.1} % of the voxels have a boundary\n", report.seconds))?;
+    report.warning.iter().for_each(|warning| tell(format!("voxrole-view: {warning}")));
     write(&folder.join("report.json"), &serde_json::to_vec_pretty(&report)?)?;
     drop(grid);
 

@@ -92,22 +92,20 @@ impl<'a> Drawing<'a> {
     /// When the volume or the picture does not fit the device, or the volume is not in memory and the CPU is asked for or
     /// there is no adapter at all; as [`Surfaces::of_source`].
     pub fn new(volume: &'a TexelSource, state: &ViewState, device: DeviceArgs) -> Result<Self> {
+        let is_bound = device.memory() != DeviceMemory::default();
         let gpu = match Gpu::new() {
             Ok(gpu) => gpu,
             Err(error @ Error::NoAdapter(_)) if !device.gpu => {
                 let texels = volume.in_memory(&format!("{error}: the CPU ray marcher needs"))?;
-                tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher"));
+                let bound = if is_bound { ", where --gpu-memory and --normals count for nothing" } else { "" };
+                tell(format!("voxrole-view: {error}; drawing with the CPU ray marcher{bound}"));
                 return Self::on_cpu(texels, state);
             }
             Err(error) => return Err(error),
         };
         if let (true, TexelSource::Memory(texels)) = (device.wants_cpu(gpu.is_cpu), volume) {
             // The same picture, in a fraction of the time.
-            let bound = if device.memory() == DeviceMemory::default() {
-                ""
-            } else {
-                "; --gpu-memory and --normals count with --gpu"
-            };
+            let bound = if is_bound { "; --gpu-memory and --normals count with --gpu" } else { "" };
             tell(format!("voxrole-view: {} runs on the CPU; drawing with the CPU ray marcher{bound}", gpu.name));
             return Self::on_cpu(texels, state);
         }

@@ -255,7 +255,7 @@ pub(crate) fn drawn_box(dims: [u32; 3], spacing: Vec3) -> [Vec3; 2] {
 fn planes(clipping: &Clipping, volume: &VolumeDescription, [box_low, box_high]: [Vec3; 2]) -> Vec<Vec4> {
     let spacing = Vec3::from_array(volume.relative_spacing());
     let mut planes = Vec::new();
-    for (axis, [low, high]) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(clipping.crop.ends) {
+    for (axis, [low, high]) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(clipping.crop.faces()) {
         let [low, high] = [low, high].map(|end| end * axis.dot(spacing));
         if low > axis.dot(box_low) {
             planes.push((-axis).extend(-low));

@@ -57,11 +57,15 @@ pub fn open_or_prepare(path: &Path, options: &ReadOptions, memory: u64) -> anyho
     let file = path.display();
     tell(format!("voxrole-view: preparing {file}; `voxrole prepare {file} -o OUT.vxr` keeps the result"));
     volume.notes().iter().for_each(|note| tell(format!("voxrole-view: {file}: {note}")));
-    prepare_file(volume, &Settings::new(Method::Auto), memory, &packed, &Silent).with_context(named)?;
+    let report = prepare_file(volume, &Settings::new(Method::Auto), memory, &packed, &Silent).with_context(named)?;
+    report.warning.iter().for_each(|warning| tell(format!("voxrole-view: {file}: {warning}")));
     Ok(Opened { reader: Arc::new(Reader::open(&packed).with_context(named)?), _prepared: Some(folder) })
 }
 
 fn is_packed(path: &Path) -> anyhow::Result<bool> {
+    if path.is_dir() {
+        return Ok(false);
+    }
     let mut start = Vec::new();
     let read = File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start));
     read.with_context(|| path.display().to_string())?;

@@ -175,8 +175,8 @@ impl Samples {
         Some(Sample { along: 0.5 * (begin + end), step, half_step: self.half_step.min(0.5 * step) })
     }
 
-    /// The ends of what opacity is integrated along at a sample with a number, where it is. Where one ray's sample ends the
-    /// next one begins, without a rounding between.
+    /// The ends of what opacity is integrated along at a sample with a number, where it is. Of [`Technique::Rays`] one begins where
+    /// the one before ends, without a rounding between.
     #[must_use]
     #[inline(always)]
     pub fn ends(&self, count: f32, sample: &Sample) -> Option<[f32; 2]> {

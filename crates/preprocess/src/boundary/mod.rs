@@ -131,6 +131,8 @@ pub struct Tracer<'a> {
     /// Steps per unit of a ray's parameter, and a little less for rounding.
     safe_steps_per_length: f32,
     last_step: u32,
+    /// Where it ends: the last step may be a shorter one.
+    last_place: f32,
     d_max: f32,
     climb: Climb,
 }
@@ -172,7 +174,8 @@ impl<'a> Tracer<'a> {
             index_from_length: Vec3::from_array(field.spacing.map(f32::recip)),
             step,
             safe_steps_per_length: (1.0 - 1e-5) / step,
-            last_step: (settings.d_max / settings.step * (1.0 + 1e-9)).floor() as u32,
+            last_step: (settings.d_max / settings.step * (1.0 - 1e-9)).ceil() as u32,
+            last_place: settings.d_max as f32,
             // The last sample may lie at d_max itself, and so may a crossing but for rounding.
             d_max: (settings.d_max * (1.0 + 1e-6)) as f32,
             climb: settings.climb,
@@ -489,7 +492,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn t(&self, k: u32) -> f32 {
-        k as f32 * self.step
+        (k as f32 * self.step).min(self.last_place)
     }
 
     /// q(t), or `None` outside the volume.

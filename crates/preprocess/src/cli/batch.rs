@@ -42,7 +42,7 @@ pub fn tasks(inputs: &[PathBuf], output: &Path) -> anyhow::Result<Vec<Task>> {
     for input in inputs {
         let name = packed_name(input).with_context(|| format!("{}: not the name of a file", input.display()))?;
         let output = output.join(name);
-        if let Some(other) = tasks.iter().find(|task| is_same_name(&task.output, &output)) {
+        if let Some(other) = tasks.iter().find(|task| super::is_same_file(&task.output, &output)) {
             let (a, b) = (other.input.display(), input.display());
             let message = format!("{a} and {b} would both be written to {}: rename one", output.display());
             return Err(UsageError(message).into());
@@ -68,12 +68,6 @@ fn packed_name(input: &Path) -> Option<OsString> {
     let mut name = stem.into_os_string();
     name.push(".vxr");
     Some(name)
-}
-
-fn is_same_name(a: &Path, b: &Path) -> bool {
-    // There, file systems do not tell capital letters from small ones.
-    let ignores_case = cfg!(any(windows, target_os = "macos"));
-    a == b || (ignores_case && a.to_string_lossy().to_lowercase() == b.to_string_lossy().to_lowercase())
 }
 
 /// Checks, before any work is done, that all outputs can be written and none is an input; makes the folder, which is left
@@ -103,7 +97,7 @@ fn check_each(tasks: &[Task], report: Option<&Path>) -> anyhow::Result<()> {
         check_replaced(report, ["report", "json"], |start| matches!(start.first(), Some(b'{' | b'[')))?;
     }
     if let Some(report) = report {
-        let is_taken = tasks.iter().any(|task| is_same_name(&task.output, report));
+        let is_taken = tasks.iter().any(|task| super::is_same_file(&task.output, report));
         refuse_if(is_taken, format!("{}: two outputs cannot be one file", report.display()))?;
     }
     Ok(())
@@ -319,9 +313,9 @@ pub fn note(task: &Task, outcome: &Outcome) -> anyhow::Result<()> {
     write_report()
 }
 
-/// Whether a run is not over.
+/// Whether something is still to be prepared.
 pub fn is_preparing() -> bool {
-    so_far().is_some()
+    so_far().as_ref().is_some_and(|so_far| so_far.states.iter().any(|state| state.columns.is_none()))
 }
 
 /// The table of a run of several tasks that is not over.

@@ -91,6 +91,19 @@ fn check_output(output: &Path, inputs: &[&Path], extension: Option<&str>) -> any
     atomic_file::check_output(output, inputs).with_context(named)
 }
 
+/// Whether two outputs, which need not exist, would be one file.
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    // There, file systems do not tell capital letters from small ones.
+    let ignores_case = cfg!(any(windows, target_os = "macos"));
+    let place = |path: &Path| {
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = parent.canonicalize().unwrap_or_else(|_| parent.to_owned());
+        let place = folder.join(path.file_name().unwrap_or_default());
+        if ignores_case { place.to_string_lossy().to_lowercase().into() } else { place }
+    };
+    place(a) == place(b)
+}
+
 /// Whether `output`, which need not exist, lies in `folder`.
 fn is_inside(output: &Path, folder: &Path) -> bool {
     let parent = output.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -76,7 +76,8 @@ fn settings(args: &PhantomArgs, phantom: Phantom, dims: [u32; 3]) -> Result<Phan
 fn check_outputs(outputs: &[&Path]) -> anyhow::Result<()> {
     for (index, output) in outputs.iter().enumerate() {
         let others = &outputs[..index];
-        refuse_if(others.contains(output), format!("{}: two outputs cannot be one file", output.display()))?;
+        let is_taken = others.iter().any(|other| super::is_same_file(other, output));
+        refuse_if(is_taken, format!("{}: two outputs cannot be one file", output.display()))?;
         super::check_output(output, others, None)?;
     }
     Ok(())

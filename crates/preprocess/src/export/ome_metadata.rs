@@ -100,8 +100,8 @@ pub(super) fn unit_name(unit: &str) -> Option<&'static str> {
         "\u{b5}m" => "micrometer",
         "nm" => "nanometer",
         "pm" => "picometer",
-        "\u{c5}" => "angstrom",
-        "in" => "inch",
+        "\u{c5}" | "\u{212b}" => "angstrom",
+        "in" | "inch" => "inch",
         _ => return None,
     })
 }

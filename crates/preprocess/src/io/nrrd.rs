@@ -67,7 +67,7 @@ fn parse<'a>(path: &'a Path, lines: &mut HeaderLines<'_>) -> Result<(Fields<'a>,
             Some((_, value)) if value.starts_with('=') => {}
             Some((name, value)) => {
                 fields.insert(name, value)?;
-                if fields.get(&["data file"]).is_some_and(|files| files.starts_with("LIST")) {
+                if fields.get(&["data file"]).is_some_and(is_list) {
                     // Names of files follow.
                     return Ok((fields, false));
                 }
@@ -114,12 +114,17 @@ fn encoding(fields: &Fields<'_>) -> Result<Encoding> {
     }
 }
 
+/// Whether `data file` says that the names of files follow.
+fn is_list(data_file: &str) -> bool {
+    data_file.split_whitespace().next() == Some("LIST")
+}
+
 /// The one data file that `value` names.
 fn single_file<'v>(fields: &Fields<'_>, value: &'v str) -> Result<&'v str> {
     let mut words = value.split_whitespace();
     let first = words.next().unwrap_or_default();
     let is_pattern = first.contains('%') && words.next().is_some_and(|word| word.parse::<i64>().is_ok());
-    if first == "LIST" || is_pattern || value.is_empty() {
+    if is_list(value) || is_pattern || value.is_empty() {
         let expected = "the name of one file (join the slices first, for example with `unu join`)";
         return Err(fields.unexpected("data file", expected, value));
     }

@@ -152,6 +152,7 @@ fn nrrd_headers() {
         ("encoding: raw", "encoding: raw\ndata file: LIST", &["one file", "LIST"]),
         ("encoding: raw", "encoding: raw\ndata file: LIST\na.raw\nb.raw", &["one file", "unu join"]),
         ("encoding: raw", "encoding: raw\ndata file: slice%03d.raw 1 5 1", &["one file", "slice%03d.raw"]),
+        ("encoding: raw", "data file: LISTA.raw\nencoding: raw", &["LISTA.raw", "`data file` names that file"]),
         ("encoding: raw", "encoding: raw\ndata file: nowhere.raw", &["nowhere.raw", "`data file` names that file"]),
     ]);
 }

@@ -58,7 +58,7 @@ pub fn readable_on(background: Vec3) -> [f32; 3] {
 /// The box of voxels that is kept, as far as it lies inside the volume's own.
 fn kept_box(crop: &Crop, volume: &VolumeDescription, [low, high]: [Vec3; 2]) -> [Vec3; 2] {
     let spacing = Vec3::from_array(volume.relative_spacing());
-    [0, 1].map(|end| (Vec3::from_array(crop.ends.map(|ends| ends[end])) * spacing).clamp(low, high))
+    [0, 1].map(|end| (Vec3::from_array(crop.faces().map(|ends| ends[end])) * spacing).clamp(low, high))
 }
 
 struct Lines {

@@ -37,6 +37,14 @@ impl Default for Crop {
     }
 }
 
+impl Crop {
+    /// Where the box ends along each axis: at the voxels named; around a single one it is as thick as that.
+    #[must_use]
+    pub fn faces(&self) -> [[f32; 2]; 3] {
+        self.ends.map(|[low, high]| if low == high { [low - 0.5, high + 0.5] } else { [low, high] })
+    }
+}
+
 impl FromStr for Crop {
     type Err = ParseError;
 

@@ -1,7 +1,7 @@
 //! What is cut away is not drawn, and everything else is as it was.
 
 use glam::Vec3;
-use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip};
+use voxrole_tests::comparison::{assert_same, difference, draw_on_cpu, draw_on_gpu, gpu_or_skip, lit_share};
 use voxrole_viewer::bench::measure;
 use voxrole_viewer::reference::RayMarcher;
 use voxrole_viewer::reference::shading::Lighting;
@@ -98,6 +98,20 @@ fn cut_states(phantom: &Phantom) -> Vec<ViewState> {
         }
     }
     states
+}
+
+#[test]
+fn a_box_of_one_voxel_along_an_axis_is_as_thick_as_that() {
+    let phantom = Phantom::concentric_shells();
+    let volume = phantom.texels();
+    let mut state = phantom.state(Camera::default());
+    let mut of = |crop: &str| {
+        state.clipping.crop = crop.parse().expect("a crop");
+        draw_on_cpu(&volume, &state)
+    };
+    let thin = of("30:30,:,:");
+    assert!(lit_share(&thin, [0, 0, 0, 255]) > 0.01);
+    assert_eq!(thin.rgba, of("29.5:30.5,:,:").rgba);
 }
 
 #[test]

@@ -37,6 +37,10 @@ fn what_the_command_line_cannot_mean_is_told_with_exit_code_2() {
     }
     let demo = run("demo --spacing 1,1,2");
     assert_eq!(demo.status.code(), Some(2), "{}", String::from_utf8_lossy(&demo.stderr));
+    // A folder may be a volume.
+    let folder = run("render . -o a.png");
+    let said = String::from_utf8_lossy(&folder.stderr);
+    assert!(folder.status.code() == Some(1) && said.contains("expected a folder"), "{said}");
     let missing = run("render none.vxr -o a.png");
     assert_eq!(missing.status.code(), Some(1), "{}", String::from_utf8_lossy(&missing.stderr));
 }
