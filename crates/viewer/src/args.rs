@@ -318,7 +318,7 @@ mod tests {
         assert_eq!(render.view.background, Some([1.0; 3]));
         assert_eq!(render.view.camera.expect("a camera").azimuth, -30.0);
         assert_eq!(render.view.regions.len(), 2);
-        assert_eq!(render.view.regions[0].region.value, [-1000.0, 200.0]);
+        assert_eq!(render.view.regions[0].read().expect("a region").value, [-1000.0, 200.0]);
     }
 
     #[test]

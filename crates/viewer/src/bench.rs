@@ -8,6 +8,7 @@ use anyhow::{Context, ensure};
 use voxrole_pack::atomic_file;
 use voxrole_preprocess::console::{print, tell};
 use voxrole_preprocess::plot::{AxisScale, Chart, ChartAxis, Line, Point, Series, SeriesStyle, chart_png, chart_svg};
+use voxrole_preprocess::usage::refuse_if;
 
 use crate::args::BenchArgs;
 use crate::headless::{print_regions, read_what_is_drawn, typed_state, write};
@@ -51,6 +52,7 @@ pub struct Row {
 pub fn run(arguments: &BenchArgs) -> anyhow::Result<()> {
     let BenchArgs { file, output, view, raw } = arguments;
     let in_folder = || output.display().to_string();
+    refuse_if(view.scene.scale_bar, "--scale-bar lies over a picture and is not measured: leave it out")?;
     let mut state = typed_state(view)?;
     state.render_settings.image_size = view.size.unwrap_or(SIZE);
     let has_regions = !state.transfer_function.regions.is_empty();

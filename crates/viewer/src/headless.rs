@@ -18,6 +18,7 @@ use crate::drawing::Drawing;
 use crate::open::{open_or_prepare, read_stored};
 use crate::picture::Animation;
 use crate::reference::SampleCounts;
+use crate::region_args::TypedRegion;
 use crate::render::DeviceMemory;
 use crate::state::{Camera, Classification, Crop, Region, SavedVolume, ViewState};
 use crate::streaming::TexelSource;
@@ -376,7 +377,7 @@ pub fn typed_state(arguments: &ViewArgs) -> anyhow::Result<ViewState> {
         clipping.planes.clone_from(&arguments.planes);
     }
     if !arguments.regions.is_empty() {
-        transfer_function.regions = arguments.regions.iter().map(|typed| typed.region.clone()).collect();
+        transfer_function.regions = arguments.regions.iter().map(TypedRegion::read).collect::<Result<_, _>>()?;
     }
     check_view(arguments, &state)?;
     Ok(state)

@@ -107,7 +107,8 @@ mod tests {
         transfer_function.classification = typed.view.classify.unwrap_or(transfer_function.classification);
         transfer_function.curve = typed.view.curve.clone().unwrap_or_default();
         if !typed.view.regions.is_empty() {
-            transfer_function.regions = typed.view.regions.iter().map(|typed| typed.region.clone()).collect();
+            let regions = typed.view.regions.iter().map(|typed| typed.read().expect("without a map"));
+            transfer_function.regions = regions.collect();
         }
         check_view(&typed.view, &state).and_then(|()| check_render(&typed, &state))
     }

@@ -26,7 +26,7 @@ fn what_the_command_line_cannot_mean_is_told_with_exit_code_2() {
         ("--spacing 0,1,1", "above 0"),
         ("--depth a.npy --frames 2", "without --frames"),
         ("--clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1 --clip 1,1", "at most 4"),
-        ("--region map:none.png,1:2,3:4,FFFFFF", "none.png: "),
+        ("--region map:none.jpg,1:2,3:4,FFFFFF", "is not map:FILE.png"),
         ("--region 1:2,3:4,FFFFFF,1.5", "between 0 and 1"),
         ("--step 0", "between"),
     ] {
@@ -35,12 +35,17 @@ fn what_the_command_line_cannot_mean_is_told_with_exit_code_2() {
         assert_eq!(output.status.code(), Some(2), "{options}: {message}");
         assert!(message.contains(expected), "{options}: {message}");
     }
+    let bench = run("bench none.vxr -o b --scale-bar");
+    assert_eq!(bench.status.code(), Some(2), "{}", String::from_utf8_lossy(&bench.stderr));
     let demo = run("demo --spacing 1,1,2");
     assert_eq!(demo.status.code(), Some(2), "{}", String::from_utf8_lossy(&demo.stderr));
     // A folder may be a volume.
     let folder = run("render . -o a.png");
     let said = String::from_utf8_lossy(&folder.stderr);
     assert!(folder.status.code() == Some(1) && said.contains("expected a folder"), "{said}");
+    let map = run("render none.vxr -o a.png --region map:none.png,1:2,3:4,FFFFFF");
+    let said = String::from_utf8_lossy(&map.stderr);
+    assert!(map.status.code() == Some(1) && said.contains("map:none.png: "), "{said}");
     let missing = run("render none.vxr -o a.png");
     assert_eq!(missing.status.code(), Some(1), "{}", String::from_utf8_lossy(&missing.stderr));
 }
