@@ -3,6 +3,7 @@
 //! Without a GPU adapter the tests skip and say so; with `VOXROLE_REQUIRE_GPU=1` they fail.
 
 mod bricks;
+mod camera;
 mod saving;
 
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupCreateNew};
-use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2, pos2, vec2};
+use egui::{Event, Modifiers, PointerButton, Pos2, Rect, Vec2, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state};
@@ -21,7 +22,7 @@ use voxrole_preprocess::settings::{Method, Settings};
 use voxrole_tests::comparison::gpu_or_skip;
 use voxrole_viewer::device_args::DeviceArgs;
 use voxrole_viewer::frame::Frame;
-use voxrole_viewer::state::{Camera, Classification, EmphasisKind, Integration, Region, Shape, Technique};
+use voxrole_viewer::state::{Classification, EmphasisKind, Integration, Region, Shape, Technique};
 use voxrole_viewer::ui::axis::PlotArea;
 use voxrole_viewer::ui::device_loss::DeviceLoss;
 use voxrole_viewer::ui::kept_window::KeptWindow;
@@ -430,85 +431,6 @@ fn lines_and_surfaces_are_switched_on_and_shown() {
     harness.get_by_label("Remove isosurface 1").click();
     settle(&mut harness);
     assert!(harness.state().view.scene.isosurfaces.is_empty());
-}
-
-#[test]
-fn what_a_session_says_stays_as_it_is_until_somebody_changes_it() {
-    let Some(mut harness) = open() else { return };
-    let state = &mut harness.state_mut().view;
-    state.camera = Camera { azimuth: 270.5, elevation: 35.264, zoom: 0.333_33, ..Camera::default() };
-    state.render_settings.step = 4.0;
-    (state.render_settings.light.azimuth, state.render_settings.shading.ambient) = (-200.25, 0.123_456);
-    state.transfer_function.emphasis = "linear,0.004,20/concave,1,0.05,30".parse().expect("an emphasis");
-    state.clipping.planes = vec!["270,10.5,0.123456".parse().expect("a plane")];
-    // Narrower than a hand can make one.
-    state.transfer_function.regions = vec!["0.5:0.50001,0.1:0.10001,FFFFFF".parse().expect("a region")];
-    let before = state.clone();
-    settle(&mut harness);
-    assert_eq!(harness.state().view, before);
-}
-
-#[test]
-fn the_camera_follows_a_slow_hand() {
-    let Some(mut harness) = open() else { return };
-    let middle = rect_of(&harness, PICTURE).center();
-    let button = |pos, pressed| Event::PointerButton {
-        pos,
-        button: PointerButton::Primary,
-        pressed,
-        modifiers: Modifiers::NONE,
-    };
-    harness.hover_at(middle);
-    harness.step();
-    harness.event(button(middle, true));
-    harness.step();
-    let mut azimuths = Vec::new();
-    for point in 1..=30 {
-        harness.event(Event::PointerMoved(middle + vec2(point as f32, 0.0)));
-        harness.step();
-        azimuths.push(harness.state().view.camera.azimuth);
-    }
-    harness.event(button(middle + vec2(30.0, 0.0), false));
-    harness.step();
-    // The first few points may still become a click.
-    let turned = azimuths[29] - azimuths[9];
-    assert!((turned + 8.0).abs() < 0.01, "{azimuths:?}");
-}
-
-#[test]
-fn the_hand_orbits_pans_zooms_and_resets() {
-    let Some(mut harness) = open() else { return };
-    let middle = rect_of(&harness, PICTURE).center();
-    let start = harness.state().view.camera;
-    drag(&mut harness, PointerButton::Primary, Modifiers::NONE, middle, middle + vec2(50.0, 25.0));
-    let orbited = harness.state().view.camera;
-    assert!((orbited.azimuth - (start.azimuth - 20.0)).abs() < 1.0, "{orbited:?}");
-    assert!((orbited.elevation - (start.elevation + 10.0)).abs() < 1.0, "{orbited:?}");
-    assert_eq!(orbited.pan, [0.0; 2]);
-
-    drag(&mut harness, PointerButton::Primary, Modifiers::SHIFT, middle, middle + vec2(40.0, 0.0));
-    drag(&mut harness, PointerButton::Secondary, Modifiers::NONE, middle, middle + vec2(0.0, -40.0));
-    let panned = harness.state().view.camera;
-    assert!(panned.pan[0] < 0.0 && panned.pan[1] < 0.0, "the volume goes right and up: {panned:?}");
-    assert_eq!(panned.azimuth, orbited.azimuth);
-
-    harness.hover_at(middle);
-    harness.step();
-    harness.event(Event::MouseWheel {
-        unit: MouseWheelUnit::Point,
-        delta: Vec2::new(0.0, 100.0),
-        source: egui::MouseWheelSource::Wheel,
-        phase: TouchPhase::Move,
-        modifiers: Modifiers::NONE,
-    });
-    settle(&mut harness);
-    assert!(harness.state().view.camera.zoom > 1.1, "{}", harness.state().view.camera.zoom);
-
-    for _ in 0..2 {
-        harness.get_by_label(PICTURE).click();
-    }
-    settle(&mut harness);
-    assert_eq!(harness.state().view.camera, Camera::default());
 }
 
 #[test]

@@ -8,13 +8,13 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use voxrole_pack::Reader;
 use voxrole_tests::comparison::{draw_on_cpu, draw_on_gpu};
-use voxrole_viewer::state::SavedVolume;
+use voxrole_viewer::state::{Camera, SavedVolume};
 use voxrole_viewer::ui::ViewerWindow;
 use voxrole_viewer::ui::kept_window::KeptWindow;
 use voxrole_viewer::ui::opened_volume::OpenedVolume;
 use voxrole_viewer::{Gpu, ViewState};
 
-use crate::{CPU, GPU, harness, open_on, render_state, settle, shells, texels};
+use crate::{CPU, GPU, harness, open, open_on, render_state, settle, shells, texels};
 
 /// Lets the window go on until the picture is written.
 pub fn wait_for_file(harness: &mut Harness<'_, ViewerWindow>) {
@@ -109,4 +109,20 @@ fn a_session_of_another_volume_is_told_of() {
     let window = window.open(&render_state, &Arc::new(texels()), CPU).expect("fits the device");
     let harness = harness(render_state, window);
     harness.get_by_label_contains("session was saved of head.nrrd");
+}
+
+#[test]
+fn what_a_session_says_stays_as_it_is_until_somebody_changes_it() {
+    let Some(mut harness) = open() else { return };
+    let state = &mut harness.state_mut().view;
+    state.camera = Camera { azimuth: 270.5, elevation: 35.264, zoom: 0.333_33, ..Camera::default() };
+    state.render_settings.step = 4.0;
+    (state.render_settings.light.azimuth, state.render_settings.shading.ambient) = (-200.25, 0.123_456);
+    state.transfer_function.emphasis = "linear,0.004,20/concave,1,0.05,30".parse().expect("an emphasis");
+    state.clipping.planes = vec!["270,10.5,0.123456".parse().expect("a plane")];
+    // Narrower than a hand can make one.
+    state.transfer_function.regions = vec!["0.5:0.50001,0.1:0.10001,FFFFFF".parse().expect("a region")];
+    let before = state.clone();
+    settle(&mut harness);
+    assert_eq!(harness.state().view, before);
 }
