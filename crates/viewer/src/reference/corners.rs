@@ -42,16 +42,19 @@ impl<S: Simd> Corners<S> {
         Self { low, high }
     }
 
+    /// Values as they are stored, 0 to 65535.
     #[inline(always)]
     pub(super) fn values(&self) -> f32x8<S> {
         (self.low & 0xffff).to_float()
     }
 
+    /// Signed distances as they are stored: see [`DistanceQuantization`].
     #[inline(always)]
     pub(super) fn distances(&self) -> i32x8<S> {
         self.low.bitcast::<i32x8<S>>() >> 16
     }
 
+    /// Gradient magnitudes at the hit as they are stored, 0 for none.
     #[inline(always)]
     pub(super) fn gradients(&self) -> u32x8<S> {
         self.high & 0xffff
@@ -63,7 +66,7 @@ impl<S: Simd> Corners<S> {
         self.distances().simd_gt(i32::from(DistanceQuantization::MASKED)) & self.gradients().simd_gt(0)
     }
 
-    /// Unit vectors along each axis, 0 where there is none.
+    /// The unit vectors' components along the grid's axes, 0 where there is no normal.
     #[inline(always)]
     pub(super) fn normals(&self, simd: S) -> [f32x8<S>; 3] {
         normals(simd, self.high >> 16)
