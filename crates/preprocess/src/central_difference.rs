@@ -4,6 +4,7 @@ use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use rayon::prelude::*;
 
 use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils};
+use crate::prefetch::prefetch;
 use crate::simd;
 use crate::stencil::{AxisStencil, Number, Taps, Weights};
 use crate::working_field::{WorkingField, voxels, voxels_mut};
@@ -12,6 +13,8 @@ use crate::working_field::{WorkingField, voxels, voxels_mut};
 const MOST_SLICES: usize = 16;
 /// Samples of a slice that are taken before those of the next: few enough for the slices beside it to be in the cache still.
 const BLOCK_SAMPLES: usize = 1 << 14;
+/// How many samples ahead memory is asked for: two kibibytes. Half and twice as many do as well.
+const AHEAD: usize = 512;
 
 /// Computes [`Derivatives`]: `f'' = ∇fᵀH∇f / ‖∇f‖²`, eq. (2) of the paper, H by second differences.
 ///
@@ -84,57 +87,57 @@ struct Slice<'a> {
 impl Slice<'_> {
     #[inline(always)]
     fn differentiate<S: Simd>(&self, simd: S, operator: EdgeOperator, rows_g: &mut [f32], rows_f2: &mut [f32]) {
-        let [nx, ny] = self.dims;
+        let nx = self.dims[0];
         let [x_axis, y_axis, z_axis] = &self.stencils.axes;
+        let x = [x_axis.taps(0).weights, x_axis.taps(1.min(nx - 1)).weights, x_axis.taps(nx - 1).weights];
+        let x = [x[0].splat(simd), x[1].splat(simd), x[2].splat(simd)];
         let z = z_axis.taps(self.k);
         for (j, (row_g, row_f2)) in (self.first..).zip(rows_g.chunks_exact_mut(nx).zip(rows_f2.chunks_exact_mut(nx))) {
             let y = y_axis.taps(j);
-            let row = |k: usize, j: usize| &self.source[(k * ny + j) * nx..][..nx];
-            let rows = Rows { y: &y, z: &z, plane: z.index.map(|k| y.index.map(|j| row(k, j))) };
-            rows.differentiate(simd, x_axis, operator, row_g, row_f2);
+            let [low, middle, high] = z.index;
+            let plane = [self.rows(low, &y), self.rows(middle, &y), self.rows(high, &y)];
+            if nx < S::f32s::LEN + 2 {
+                ShortRow { plane, y: &y, z: &z }.differentiate(x_axis, operator, row_g, row_f2);
+                continue;
+            }
+            let row = Row { plane, simd, operator, x: &x };
+            let (y_center, z_center) = (y.center, z.center);
+            let (y, z) = (y.weights.splat(simd), z.weights.splat(simd));
+            if y.is_central && z.is_central {
+                let (y, z) = (y.known_central(), z.known_central());
+                row.differentiate(&Across { y, z, y_center: 1, z_center: 1 }, row_g, row_f2);
+            } else {
+                row.differentiate(&Across { y, z, y_center, z_center }, row_g, row_f2);
+            }
         }
+    }
+
+    /// The rows of a slice that the taps along y name.
+    #[inline(always)]
+    fn rows(&self, k: usize, y: &Taps) -> [&[f32]; 3] {
+        let [nx, ny] = self.dims;
+        let slice = &self.source[k * nx * ny..][..nx * ny];
+        let [a, b, c] = y.index;
+        [&slice[a * nx..][..nx], &slice[b * nx..][..nx], &slice[c * nx..][..nx]]
     }
 }
 
-/// The rows around a row.
-struct Rows<'a> {
+/// The rows around a row that is no longer than a vector.
+struct ShortRow<'a> {
+    /// By tap along z, then along y.
+    plane: [[&'a [f32]; 3]; 3],
     y: &'a Taps,
     z: &'a Taps,
-    /// By tap along z, then along y; all of one length.
-    plane: [[&'a [f32]; 3]; 3],
 }
 
-impl Rows<'_> {
-    #[inline(always)]
-    fn differentiate<S: Simd>(
-        &self,
-        simd: S,
-        axis: &AxisStencil,
-        operator: EdgeOperator,
-        row_g: &mut [f32],
-        row_f2: &mut [f32],
-    ) {
-        let len = row_g.len();
-        if len < S::f32s::LEN + 2 {
-            for x in 0..len {
-                let taps = axis.taps(x);
-                let [a, b, c] = taps.index.map(|x| self.column(x));
-                let own = pick([a, b, c], taps.center);
-                let samples = [a.sample, b.sample, c.sample];
-                (row_g[x], row_f2[x]) = operator.apply(own.partials(AlongX::new(&taps.weights, samples)));
-            }
-            return;
-        }
-        let [low, middle, high] = &self.plane;
-        let plane = [cut(low, len), cut(middle, len), cut(high, len)];
-        let row = Row { plane, simd, operator, x: [0, 1, len - 1].map(|x| axis.taps(x).weights.splat(simd)) };
-        let (y, z) = (self.y.weights.splat(simd), self.z.weights.splat(simd));
-        if y.is_central && z.is_central {
-            let (y, z) = (y.known_central(), z.known_central());
-            row.differentiate(&Across { y, z, y_center: 1, z_center: 1 }, row_g, row_f2);
-        } else {
-            let (y_center, z_center) = (self.y.center, self.z.center);
-            row.differentiate(&Across { y, z, y_center, z_center }, row_g, row_f2);
+impl ShortRow<'_> {
+    fn differentiate(&self, axis: &AxisStencil, operator: EdgeOperator, row_g: &mut [f32], row_f2: &mut [f32]) {
+        for x in 0..row_g.len() {
+            let taps = axis.taps(x);
+            let [a, b, c] = taps.index.map(|x| self.column(x));
+            let own = pick([a, b, c], taps.center);
+            let samples = [a.sample, b.sample, c.sample];
+            (row_g[x], row_f2[x]) = operator.apply(own.partials(AlongX::new(&taps.weights, samples)));
         }
     }
 
@@ -144,12 +147,6 @@ impl Rows<'_> {
         let Taps { weights: z, center: z_center, .. } = *self.z;
         Across { y, z, y_center, z_center }.column(self.plane.map(|rows| rows.map(|row| row[x])))
     }
-}
-
-/// Rows of one length, so that one comparison is enough for all.
-#[inline(always)]
-fn cut<'a>([a, b, c]: &[&'a [f32]; 3], len: usize) -> [&'a [f32]; 3] {
-    [&a[..len], &b[..len], &c[..len]]
 }
 
 /// One of three, without a detour by memory.
@@ -235,11 +232,12 @@ const LANES: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0
 /// Functions and no closures, [`EdgeOperator::apply_to_lanes`] alike: std's `map` would be compiled without the level's
 /// instructions, which made this several times slower.
 struct Row<'a, S: Simd> {
+    /// The rows around it, by tap along z, then along y.
     plane: [[&'a [f32]; 3]; 3],
     simd: S,
     operator: EdgeOperator,
     /// Weights of the first sample, of those inside and of the last.
-    x: [Weights<S::f32s>; 3],
+    x: &'a [Weights<S::f32s>; 3],
 }
 
 impl<S: Simd> Row<'_, S> {
@@ -265,6 +263,10 @@ impl<S: Simd> Row<'_, S> {
             let before = self.column(across, x - 1).sample;
             let mut below = one_after::<S>(before, before);
             while x + 2 * lanes <= len {
+                // The other eight rows are in the cache already.
+                prefetch(self.plane[2][2], x + AHEAD);
+                prefetch(row_g, x + AHEAD);
+                prefetch(row_f2, x + AHEAD);
                 let next = self.column(across, x + lanes);
                 let along_x = AlongX::new(
                     inside,

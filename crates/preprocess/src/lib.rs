@@ -34,6 +34,7 @@ pub mod packing;
 pub mod padded_field;
 pub mod phantom;
 pub mod plot;
+mod prefetch;
 pub mod prepare;
 pub mod progress;
 pub mod raw_args;
