@@ -173,6 +173,7 @@ impl<'a> Gradient<'a> {
     }
 
     /// ∇f at a voxel, per L_min.
+    #[inline(always)]
     #[must_use]
     pub fn at(&self, voxel: [usize; 3]) -> Vec3 {
         match self {

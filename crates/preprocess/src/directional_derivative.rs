@@ -115,15 +115,18 @@ impl Stencils {
     }
 
     /// ∇f at voxel (i, j, k), eq. (1) of the paper, with the border rule of [`AxisStencil`].
+    #[inline(always)]
     #[must_use]
     pub fn gradient(&self, values: &[f32], [i, j, k]: [usize; 3]) -> Vec3 {
         let [nx, ny, _] = self.dims;
         let at = |i: usize, j: usize, k: usize| values[(k * ny + j) * nx + i];
-        let [x, y, z] = [self.axes[0].taps(i), self.axes[1].taps(j), self.axes[2].taps(k)];
+        let [x, y, z] = &self.axes;
+        // Spelled out: std's `map` of arrays would be called for each axis of each voxel.
+        let (x, y, z) = (x.taps(i), y.taps(j), z.taps(k));
         Vec3::new(
-            x.weights.first(x.index.map(|tap| at(tap, j, k))),
-            y.weights.first(y.index.map(|tap| at(i, tap, k))),
-            z.weights.first(z.index.map(|tap| at(i, j, tap))),
+            x.weights.first([at(x.index[0], j, k), at(x.index[1], j, k), at(x.index[2], j, k)]),
+            y.weights.first([at(i, y.index[0], k), at(i, y.index[1], k), at(i, y.index[2], k)]),
+            z.weights.first([at(i, j, z.index[0]), at(i, j, z.index[1]), at(i, j, z.index[2])]),
         )
     }
 }

@@ -50,6 +50,7 @@ pub struct GradientNoise {
     axes: [Vec<[f32; 2]>; 3],
     dims: [usize; 3],
     noise: f32,
+    least: f32,
 }
 
 impl GradientNoise {
@@ -63,31 +64,35 @@ impl GradientNoise {
         for ((gains, spacing), len) in axes.iter_mut().zip(spacing).zip(dims) {
             *gains = Line::new(kernel, sigmas, spacing).gains_by_depth(len)?;
         }
-        Ok(Self { axes, dims, noise })
+        let least = axes.each_ref().map(|gains: &Vec<[f32; 2]>| {
+            gains.iter().fold([f32::INFINITY; 2], |[value, first], gain| [value.min(gain[0]), first.min(gain[1])])
+        });
+        Ok(Self { axes, dims, noise, least: noisiest(noise, least) })
     }
 
     /// A bound that [`Self::at`] is nowhere below.
+    #[inline]
     #[must_use]
     pub fn least(&self) -> f32 {
-        let least = |axis: usize, quantity: usize| {
-            self.axes[axis].iter().map(|gains| gains[quantity]).fold(f32::INFINITY, f32::min)
-        };
-        // The same products as for a voxel, so that rounding is the same.
-        let [[x, along_x], [y, along_y], [z, along_z]] = [0, 1, 2].map(|axis| [least(axis, 0), least(axis, 1)]);
-        self.noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)
+        self.least
     }
 
     /// The standard deviation of the noisiest component of the gradient at a voxel.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn at(&self, voxel: [usize; 3]) -> f32 {
         let gains = |axis: usize| {
             let depth = voxel[axis].min(self.dims[axis] - 1 - voxel[axis]);
             self.axes[axis][depth.min(self.axes[axis].len() - 1)]
         };
-        let [[x, along_x], [y, along_y], [z, along_z]] = [gains(0), gains(1), gains(2)];
-        self.noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)
+        noisiest(self.noise, [gains(0), gains(1), gains(2)])
     }
+}
+
+/// The noise of the noisiest component of a gradient, by the gains along each axis.
+#[inline(always)]
+fn noisiest(noise: f32, [[x, along_x], [y, along_y], [z, along_z]]: [[f32; 2]; 3]) -> f32 {
+    noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)
 }
 
 /// What happens to the value along one axis.

@@ -47,7 +47,7 @@ impl GradientFloor {
     }
 
     /// At a voxel, for a place where the field has a value.
-    #[inline]
+    #[inline(always)]
     pub(super) fn at(&self, voxel: [usize; 3], value: f32) -> f32 {
         let Some((noise, deviations)) = &self.noise else { return GRADIENT_FLOOR };
         let [x, y, z] = self.origin;

@@ -461,8 +461,8 @@ impl<'a> Tracer<'a> {
         let (t, place, gradient_magnitude, value) = match &self.smooth {
             None => {
                 let place = self.sampler.place(up, crossing)?;
-                let [g, value] =
-                    [self.gradient_magnitude, self.values].map(|field| self.sampler.trilinear(field, &place));
+                let g = self.sampler.trilinear(self.gradient_magnitude, &place);
+                let value = self.sampler.trilinear(self.values, &place);
                 (crossing, place, g, value)
             }
             Some(smooth) => {
@@ -496,6 +496,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// q(t), or `None` outside the volume.
+    #[inline(always)]
     fn rise(&self, signed: SignedRay, t: f32, work: &mut Work) -> Option<f32> {
         let place = self.sampler.place(&signed.ray, t)?;
         work.samples += 1;
