@@ -210,7 +210,7 @@ impl Buffers {
     }
 }
 
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn differentiate_slice(
     pass: &Pass<'_>,
     k: usize,

@@ -6,14 +6,14 @@
 
 use std::sync::LazyLock;
 
-use multiversion::multiversion;
+use fearless_simd::{Simd, dispatch, prelude::*};
 use ndarray::{ArrayViewMut2, Axis, s};
 use rayon::prelude::*;
 
 use super::Degree;
 use crate::continuation::Continued;
 use crate::padded_field::PaddedField;
-use crate::row_windows::{WINDOW, windows};
+use crate::simd;
 use crate::working_field::Field;
 
 /// Lines that are filtered side by side.
@@ -35,23 +35,23 @@ type Lines = [f32; LANES];
 /// operations on f32 for each of [`Degree::reach`] neighbours along each axis: 216 for the quintic spline, 32 or 64 voxels at a
 /// time.
 pub(super) fn prefilter(source: &Field, target: &mut PaddedField, degree: Degree) {
-    let filters = target.dims().map(|len| if len < 3 { None } else { Some(Filter::of(degree)) });
+    let filters = target.dims().map(|len| if len < 3 { None } else { Some(LineFilter::new(degree, len)) });
     let mut target = target.inside_mut();
     let slices: Vec<_> = target.axis_iter_mut(Axis(0)).zip(source.axis_iter(Axis(0))).collect();
     slices.into_par_iter().for_each_init(Buffers::default, |buffers, (mut slice, source)| {
         slice.assign(&source);
-        if let Some(filter) = filters[0] {
-            filter_rows(&mut slice, filter, buffers);
+        if let Some(filter) = &filters[0] {
+            dispatch!(simd::level(), simd => filter_rows(simd, &mut slice, filter, buffers));
         }
-        if let Some(filter) = filters[1] {
-            filter_columns(&mut slice, filter, buffers);
+        if let Some(filter) = &filters[1] {
+            dispatch!(simd::level(), simd => filter_columns(simd, &mut slice, filter, buffers));
         }
     });
-    if let Some(filter) = filters[2] {
+    if let Some(filter) = &filters[2] {
         let across: Vec<_> = target.axis_iter_mut(Axis(1)).collect();
-        across
-            .into_par_iter()
-            .for_each_init(Buffers::default, |buffers, mut plane| filter_columns(&mut plane, filter, buffers));
+        across.into_par_iter().for_each_init(Buffers::default, |buffers, mut plane| {
+            dispatch!(simd::level(), simd => filter_columns(simd, &mut plane, filter, buffers));
+        });
     }
 }
 
@@ -93,6 +93,28 @@ impl Filter {
     }
 }
 
+/// A filter of lines of one length.
+struct LineFilter {
+    half: &'static [f32],
+    /// Where in a buffer the samples beyond a line's ends lie, each with the samples inside that it is made of and their
+    /// weights.
+    beyond: Vec<(usize, Vec<(usize, f32)>)>,
+}
+
+impl LineFilter {
+    fn new(degree: Degree, len: usize) -> Self {
+        let filter = Filter::of(degree);
+        let reach = filter.reach();
+        let places = (0..reach).chain(reach + len..len + 2 * reach);
+        let terms = |place: usize| Continued::new(place as isize - reach as isize, len).terms(len).collect();
+        Self { half: &filter.half, beyond: places.map(|place| (place, terms(place))).collect() }
+    }
+
+    fn reach(&self) -> usize {
+        self.half.len() - 1
+    }
+}
+
 /// What a thread needs, kept from plane to plane: lines with their continuation.
 #[derive(Default)]
 struct Buffers {
@@ -101,47 +123,33 @@ struct Buffers {
 }
 
 /// Filters along the rows of a plane.
-#[multiversion(targets("x86_64+avx2"))]
-fn filter_rows(plane: &mut ArrayViewMut2<'_, f32>, filter: &Filter, buffers: &mut Buffers) {
+#[inline(always)]
+fn filter_rows<S: Simd>(simd: S, plane: &mut ArrayViewMut2<'_, f32>, filter: &LineFilter, buffers: &mut Buffers) {
     let (reach, len) = (filter.reach(), plane.ncols());
     let row = &mut buffers.row;
-    row.resize(len + 2 * reach, 0.0);
+    // The last vectors may begin at the last sample.
+    row.resize(len + 2 * reach + LANES, 0.0);
     for out in plane.rows_mut() {
         let out = out.into_slice().expect(CONTIGUOUS);
         row[reach..reach + len].copy_from_slice(out);
-        for (place, beyond) in beyond_ends(reach, len) {
-            row[place] = Continued::new(beyond, len).terms(len).map(|(inside, weight)| weight * out[inside]).sum();
-        }
-        for part in windows(len) {
-            if part.len() == WINDOW {
-                weigh(&mut out[part.start..part.start + WINDOW], &row[part.start..], &filter.half);
-            } else {
-                weigh(&mut out[part.clone()], &row[part.start..], &filter.half);
+        for (place, terms) in &filter.beyond {
+            let mut sum = 0.0;
+            for (inside, weight) in terms {
+                sum += weight * out[*inside];
             }
+            row[*place] = sum;
         }
         // What is odd about an end point is filtered to something odd about it: the end points stay as they are.
-        (out[0], out[len - 1]) = (row[reach], row[reach + len - 1]);
-    }
-}
-
-/// Weighted sums of the neighbours of samples; `row` begins as many samples before the first as the filter reaches.
-#[inline(always)]
-fn weigh(out: &mut [f32], row: &[f32], half: &[f32]) {
-    let (len, reach) = (out.len(), half.len() - 1);
-    for (out, value) in out.iter_mut().zip(&row[reach..]) {
-        *out = half[0] * value;
-    }
-    for (steps, weight) in half.iter().enumerate().skip(1) {
-        let (low, high) = (&row[reach - steps..][..len], &row[reach + steps..][..len]);
-        for i in 0..len {
-            out[i] += weight * (low[i] + high[i]);
+        let inside = &mut out[1..len - 1];
+        for (first, out) in (1..).step_by(LANES).zip(inside.chunks_mut(LANES)) {
+            weigh(simd, &row[first..], 1, filter.half, out);
         }
     }
 }
 
 /// Filters along the columns of a plane.
-#[multiversion(targets("x86_64+avx2"))]
-fn filter_columns(plane: &mut ArrayViewMut2<'_, f32>, filter: &Filter, buffers: &mut Buffers) {
+#[inline(always)]
+fn filter_columns<S: Simd>(simd: S, plane: &mut ArrayViewMut2<'_, f32>, filter: &LineFilter, buffers: &mut Buffers) {
     let reach = filter.reach();
     let (len, width) = plane.dim();
     let lines = &mut buffers.lines;
@@ -155,49 +163,69 @@ fn filter_columns(plane: &mut ArrayViewMut2<'_, f32>, filter: &Filter, buffers: 
                 Err(_) => line[..row.len()].copy_from_slice(row),
             }
         }
-        for (place, beyond) in beyond_ends(reach, len) {
+        for (place, terms) in &filter.beyond {
             let mut sum = [0.0; LANES];
-            for (inside, weight) in Continued::new(beyond, len).terms(len) {
+            for (inside, weight) in terms {
                 let line = &lines[reach + inside];
                 for lane in 0..LANES {
                     sum[lane] += weight * line[lane];
                 }
             }
-            lines[place] = sum;
+            lines[*place] = sum;
         }
         for (at, row) in block.rows_mut().into_iter().enumerate().skip(1).take(len - 2) {
-            let sum = weighted(&lines[at..], &filter.half);
-            let row = row.into_slice().expect(CONTIGUOUS);
-            match <&mut Lines>::try_from(&mut *row) {
-                Ok(full) => *full = sum,
-                Err(_) => row.copy_from_slice(&sum[..row.len()]),
-            }
+            weigh(simd, lines[at..].as_flattened(), LANES, filter.half, row.into_slice().expect(CONTIGUOUS));
         }
     }
 }
 
-/// The weighted sum around the sample that lies as far behind the first as the filter reaches.
+/// Weighted sums of [`LANES`] samples and their neighbours, which are `stride` apart; `samples` begin with the first one's
+/// farthest. Those that `out` has room for are kept.
 #[inline(always)]
-fn weighted(lines: &[Lines], half: &[f32]) -> Lines {
-    let reach = half.len() - 1;
-    let mut sum = [0.0; LANES];
-    for lane in 0..LANES {
-        sum[lane] = half[0] * lines[reach][lane];
+fn weigh<S: Simd>(simd: S, samples: &[f32], stride: usize, half: &[f32], out: &mut [f32]) {
+    match S::f32s::LEN {
+        4 => weigh_vectors::<S, 8>(simd, samples, stride, half, out),
+        8 => weigh_vectors::<S, 4>(simd, samples, stride, half, out),
+        _ => weigh_vectors::<S, 2>(simd, samples, stride, half, out),
     }
-    for (steps, weight) in half.iter().enumerate().skip(1) {
-        let (low, high) = (&lines[reach - steps], &lines[reach + steps]);
-        for lane in 0..LANES {
-            sum[lane] += weight * (low[lane] + high[lane]);
-        }
-    }
-    sum
 }
 
-/// Where in a buffer the samples beyond a line's ends lie, each with its index on the line.
+/// [`weigh`] with so many vectors, which stay in registers.
 #[inline(always)]
-fn beyond_ends(reach: usize, len: usize) -> impl Iterator<Item = (usize, isize)> {
-    let places = (0..reach).chain(reach + len..len + 2 * reach);
-    places.map(move |place| (place, place as isize - reach as isize))
+fn weigh_vectors<S: Simd, const VECTORS: usize>(
+    simd: S,
+    samples: &[f32],
+    stride: usize,
+    half: &[f32],
+    out: &mut [f32],
+) {
+    let lanes = S::f32s::LEN;
+    let center = (half.len() - 1) * stride;
+    let own = &samples[center..][..LANES];
+    let mut sums = [S::f32s::splat(simd, 0.0); VECTORS];
+    for vector in 0..VECTORS {
+        sums[vector] = S::f32s::from_slice(simd, &own[vector * lanes..][..lanes]) * half[0];
+    }
+    for steps in 1..half.len() {
+        let low = &samples[center - steps * stride..][..LANES];
+        let high = &samples[center + steps * stride..][..LANES];
+        for vector in 0..VECTORS {
+            let low = S::f32s::from_slice(simd, &low[vector * lanes..][..lanes]);
+            let high = S::f32s::from_slice(simd, &high[vector * lanes..][..lanes]);
+            sums[vector] += (low + high) * half[steps];
+        }
+    }
+    if out.len() == LANES {
+        for vector in 0..VECTORS {
+            sums[vector].store_slice(&mut out[vector * lanes..][..lanes]);
+        }
+    } else {
+        let mut all = [0.0; LANES];
+        for vector in 0..VECTORS {
+            sums[vector].store_slice(&mut all[vector * lanes..][..lanes]);
+        }
+        out.copy_from_slice(&all[..out.len()]);
+    }
 }
 
 #[cfg(test)]
