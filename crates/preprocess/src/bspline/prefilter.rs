@@ -129,6 +129,7 @@ fn filter_rows<S: Simd>(simd: S, plane: &mut ArrayViewMut2<'_, f32>, filter: &Li
     let row = &mut buffers.row;
     // The last vectors may begin at the last sample.
     row.resize(len + 2 * reach + LANES, 0.0);
+    let mut sums = [0.0; LANES];
     for out in plane.rows_mut() {
         let out = out.into_slice().expect(CONTIGUOUS);
         row[reach..reach + len].copy_from_slice(out);
@@ -141,8 +142,16 @@ fn filter_rows<S: Simd>(simd: S, plane: &mut ArrayViewMut2<'_, f32>, filter: &Li
         }
         // What is odd about an end point is filtered to something odd about it: the end points stay as they are.
         let inside = &mut out[1..len - 1];
+        let mut flat_before = None;
         for (first, out) in (1..).step_by(LANES).zip(inside.chunks_mut(LANES)) {
-            weigh(simd, &row[first..], 1, filter.half, out);
+            let samples = &row[first..];
+            // What a flat stretch comes to is known from the one before.
+            let flat = is_flat(&samples[..LANES + 2 * reach]).then_some(samples[0].to_bits());
+            if flat.is_none() || flat != flat_before {
+                sums = weighted(simd, samples, 1, filter.half);
+            }
+            flat_before = flat;
+            keep(&sums, out);
         }
     }
 }
@@ -173,32 +182,76 @@ fn filter_columns<S: Simd>(simd: S, plane: &mut ArrayViewMut2<'_, f32>, filter: 
             }
             lines[*place] = sum;
         }
+        // The last line that differs from the one before it.
+        let mut changed = 0;
+        for line in 1..1 + 2 * reach {
+            changed = if are_same(&lines[line - 1], &lines[line]) { changed } else { line };
+        }
+        let mut sums = [0.0; LANES];
         for (at, row) in block.rows_mut().into_iter().enumerate().skip(1).take(len - 2) {
-            weigh(simd, lines[at..].as_flattened(), LANES, filter.half, row.into_slice().expect(CONTIGUOUS));
+            let last = at + 2 * reach;
+            changed = if are_same(&lines[last - 1], &lines[last]) { changed } else { last };
+            // In a flat stretch each line comes to what the one before it did.
+            if at == 1 || changed >= at {
+                sums = weighted(simd, lines[at..].as_flattened(), LANES, filter.half);
+            }
+            keep(&sums, row.into_slice().expect(CONTIGUOUS));
         }
     }
 }
 
-/// Weighted sums of [`LANES`] samples and their neighbours, which are `stride` apart; `samples` begin with the first one's
-/// farthest. Those that `out` has room for are kept.
+/// Whether all samples are the same, bit by bit; there are more of them than [`LANES`].
 #[inline(always)]
-fn weigh<S: Simd>(simd: S, samples: &[f32], stride: usize, half: &[f32], out: &mut [f32]) {
-    match S::f32s::LEN {
-        4 => weigh_vectors::<S, 8>(simd, samples, stride, half, out),
-        8 => weigh_vectors::<S, 4>(simd, samples, stride, half, out),
-        _ => weigh_vectors::<S, 2>(simd, samples, stride, half, out),
+fn is_flat(samples: &[f32]) -> bool {
+    let last = samples.len() - 1 - LANES;
+    let is_flat_from = |first: usize| match (samples[first..].first_chunk(), samples[first + 1..].first_chunk()) {
+        (Some(samples), Some(next)) => are_same(samples, next),
+        _ => false,
+    };
+    let mut first = 0;
+    while first < last && is_flat_from(first) {
+        first += LANES;
+    }
+    first >= last && is_flat_from(last)
+}
+
+/// Whether lines are the same, bit by bit.
+#[inline(always)]
+fn are_same(a: &Lines, b: &Lines) -> bool {
+    // Where there is noise, one lane is enough.
+    if a[0].to_bits() != b[0].to_bits() {
+        return false;
+    }
+    let mut difference = 0;
+    for lane in 0..LANES {
+        difference |= a[lane].to_bits() ^ b[lane].to_bits();
+    }
+    difference == 0
+}
+
+/// Keeps as many sums as there is room for.
+#[inline(always)]
+fn keep(sums: &Lines, out: &mut [f32]) {
+    match <&mut Lines>::try_from(&mut *out) {
+        Ok(all) => *all = *sums,
+        Err(_) => out.copy_from_slice(&sums[..out.len()]),
     }
 }
 
-/// [`weigh`] with so many vectors, which stay in registers.
+/// Weighted sums of [`LANES`] samples and their neighbours, which are `stride` apart; `samples` begin with the first one's
+/// farthest.
 #[inline(always)]
-fn weigh_vectors<S: Simd, const VECTORS: usize>(
-    simd: S,
-    samples: &[f32],
-    stride: usize,
-    half: &[f32],
-    out: &mut [f32],
-) {
+fn weighted<S: Simd>(simd: S, samples: &[f32], stride: usize, half: &[f32]) -> Lines {
+    match S::f32s::LEN {
+        4 => weighted_vectors::<S, 8>(simd, samples, stride, half),
+        8 => weighted_vectors::<S, 4>(simd, samples, stride, half),
+        _ => weighted_vectors::<S, 2>(simd, samples, stride, half),
+    }
+}
+
+/// [`weighted`] with so many vectors, which stay in registers.
+#[inline(always)]
+fn weighted_vectors<S: Simd, const VECTORS: usize>(simd: S, samples: &[f32], stride: usize, half: &[f32]) -> Lines {
     let lanes = S::f32s::LEN;
     let center = (half.len() - 1) * stride;
     let own = &samples[center..][..LANES];
@@ -215,17 +268,11 @@ fn weigh_vectors<S: Simd, const VECTORS: usize>(
             sums[vector] += (low + high) * half[steps];
         }
     }
-    if out.len() == LANES {
-        for vector in 0..VECTORS {
-            sums[vector].store_slice(&mut out[vector * lanes..][..lanes]);
-        }
-    } else {
-        let mut all = [0.0; LANES];
-        for vector in 0..VECTORS {
-            sums[vector].store_slice(&mut all[vector * lanes..][..lanes]);
-        }
-        out.copy_from_slice(&all[..out.len()]);
+    let mut all = [0.0; LANES];
+    for vector in 0..VECTORS {
+        sums[vector].store_slice(&mut all[vector * lanes..][..lanes]);
     }
+    all
 }
 
 #[cfg(test)]
@@ -271,13 +318,18 @@ mod tests {
         fn equals_its_naive_twin(
             short in prop::array::uniform3(1_usize..9),
             long in prop::option::of((0_usize..3, 1_usize..150)),
+            (flat, zero) in (prop::array::uniform3(0_usize..150), prop::sample::select(vec![0.3_f32, 0.0, -0.0])),
             seed in any::<u32>(),
         ) {
             let mut dims = short;
             if let Some((axis, len)) = long {
                 dims[axis] = len;
             }
+            // Noise around a box in which nothing changes.
             let mut field = Field::from_shape_fn(dims, |(k, j, i)| {
+                if k < flat[0] && j < flat[1] && i < flat[2] {
+                    return zero;
+                }
                 (((k * 91 + j) * 91 + i) as u32 ^ seed).wrapping_mul(2_654_435_761) as f32 / u32::MAX as f32
             });
             for degree in [Degree::Cubic, Degree::Quintic] {
