@@ -46,7 +46,19 @@ impl Error {
 /// # Errors
 /// [`Error::Io`] with [`io::ErrorKind::OutOfMemory`] when the allocation fails.
 pub fn vec_with_capacity<T>(len: usize, what: &str) -> Result<Vec<T>> {
-    let mut vec = Vec::new();
+    with_capacity(Vec::new(), len, what)
+}
+
+/// Empties a vector that was used before, and reserves more memory if it is too short.
+///
+/// # Errors
+/// As [`vec_with_capacity`].
+pub fn with_capacity<T>(mut vec: Vec<T>, len: usize, what: &str) -> Result<Vec<T>> {
+    if vec.capacity() < len {
+        // Its numbers need not be moved.
+        vec = Vec::new();
+    }
+    vec.clear();
     vec.try_reserve_exact(len).map_err(|_| Error::Io {
         action: format!("allocating {len} values of {} bytes for {what}", size_of::<T>()),
         source: io::ErrorKind::OutOfMemory.into(),

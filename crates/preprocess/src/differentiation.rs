@@ -6,12 +6,12 @@ use std::str::FromStr;
 use glam::Vec3;
 
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::central_difference::derivatives;
+use crate::central_difference::derivatives_into;
 use crate::directional_derivative::{Derivatives, EdgeOperator, Stencils};
 use crate::gaussian::{gaussian, radius_of};
 use crate::holes::Holes;
 use crate::padded_field::{PADDING, PaddedField};
-use crate::separable_derivative::{SeparableKernel, separable_derivatives};
+use crate::separable_derivative::{SeparableKernel, separable_derivatives_into};
 use crate::working_field::{Field, WorkingField, voxels};
 use crate::{Error, Result};
 
@@ -104,26 +104,47 @@ pub fn differentiate(
     kernel: Kernel,
     operator: EdgeOperator,
 ) -> Result<(Derivatives, GradientSource)> {
+    let mut derivatives = Derivatives::zeros(field.dims());
+    let source = differentiate_into(field, kernel, operator, &mut derivatives)?;
+    Ok((derivatives, source))
+}
+
+/// As [`differentiate`], into fields that exist already.
+///
+/// # Errors
+/// As [`differentiate`].
+///
+/// # Panics
+/// When `derivatives` are not of the field's dimensions.
+pub fn differentiate_into(
+    field: &mut WorkingField,
+    kernel: Kernel,
+    operator: EdgeOperator,
+    derivatives: &mut Derivatives,
+) -> Result<GradientSource> {
     if let Kernel::Gaussian(sigma) = kernel {
         let radius = radius_of(sigma as f32, field.spacing);
         field.values = gaussian(&field.values, field.spacing, sigma as f32, radius);
     }
     Ok(match kernel.spline() {
-        None if kernel == Kernel::Central2 => (derivatives(field, operator), GradientSource::Central2),
+        None if kernel == Kernel::Central2 => {
+            derivatives_into(field, operator, derivatives);
+            GradientSource::Central2
+        }
         None => {
             let padded = PaddedField::new(&field.values)?;
-            let derivatives = separable_derivatives(&padded, field.spacing, &SeparableKernel::CENTRAL_4, operator);
-            (derivatives, GradientSource::Central4(padded))
+            separable_derivatives_into(&padded, field.spacing, &SeparableKernel::CENTRAL_4, operator, derivatives);
+            GradientSource::Central4(padded)
         }
         Some(degree) => {
             let (values, holes) = Holes::filled(&field.values);
             let coefficients = Coefficients::new(&values, degree)?;
             let kernel = SeparableKernel::spline(degree);
-            let mut derivatives = separable_derivatives(&coefficients.field, field.spacing, &kernel, operator);
+            separable_derivatives_into(&coefficients.field, field.spacing, &kernel, operator, derivatives);
             let radius = if degree == Degree::Cubic { 1 } else { PADDING };
             holes.mask(&mut derivatives.gradient_magnitude, radius);
             holes.mask(&mut derivatives.second_derivative, radius);
-            (derivatives, GradientSource::Spline(coefficients))
+            GradientSource::Spline(coefficients)
         }
     })
 }

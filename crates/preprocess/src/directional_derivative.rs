@@ -20,9 +20,28 @@ pub struct Derivatives {
 impl Derivatives {
     /// Zeros for a volume of `dims` voxels along x, y, z.
     #[must_use]
-    pub fn zeros([nx, ny, nz]: [usize; 3]) -> Self {
-        let zeros = || Array3::zeros((nz, ny, nx));
-        Self { gradient_magnitude: zeros(), second_derivative: zeros() }
+    pub fn zeros(dims: [usize; 3]) -> Self {
+        Self::unset([Vec::new(), Vec::new()], dims)
+    }
+
+    /// Any numbers for a volume of `dims` voxels, in memory that was used before where there is enough of it.
+    #[must_use]
+    pub fn unset(memory: [Vec<f32>; 2], [nx, ny, nz]: [usize; 3]) -> Self {
+        let shape = (nz, ny, nx);
+        let [gradient_magnitude, second_derivative] = memory.map(|mut memory| {
+            if memory.capacity() < nx * ny * nz {
+                return Array3::zeros(shape);
+            }
+            memory.resize(nx * ny * nz, 0.0);
+            Array3::from_shape_vec(shape, memory).expect("a number for every voxel")
+        });
+        Self { gradient_magnitude, second_derivative }
+    }
+
+    /// The memory, for [`Self::unset`].
+    #[must_use]
+    pub fn into_memory(self) -> [Vec<f32>; 2] {
+        [self.gradient_magnitude, self.second_derivative].map(|field| field.into_raw_vec_and_offset().0)
     }
 
     /// Smallest and largest finite gradient magnitude and second derivative; 0 where there is none.

@@ -12,7 +12,7 @@ use voxrole_pack::scalar::par_range_within;
 use voxrole_pack::unfinished::Unfinished;
 use voxrole_pack::writer::Description;
 use voxrole_pack::{
-    DistanceQuantization, HistogramAxis, HitGradientQuantization, Layer, LayerKind, ScalarType, Writer,
+    DistanceQuantization, HistogramAxis, HitGradientQuantization, Layer, LayerKind, ScalarType, Scalars, Writer,
     with_scalar_type, with_scalars,
 };
 
@@ -21,13 +21,12 @@ use crate::block_plan::BlockPlan;
 use crate::directional_derivative::{Derivatives, EdgeOperator};
 use crate::joint_histogram::{Axes, Binning, DISTANCE_BINS, Quantities, Tally, value_axis};
 use crate::recipe::{Block, Recipe};
-use crate::region::Region;
-use crate::roles::MASKED;
+use crate::roles::{MASKED, Roles};
 use crate::scan;
 use crate::settings::Settings;
 use crate::source::cropped;
 use crate::summary::Summary;
-use crate::working_field::voxels;
+use crate::working_field::{voxels, voxels_mut};
 use crate::{Error, Result};
 
 /// Name and version of the program, as written into every file.
@@ -68,10 +67,17 @@ impl Packing<'_, '_> {
     /// # Errors
     /// [`Error::Pack`] when writing fails, [`Error::Parameter`] when derivatives of these values leave the range of f32.
     pub fn write(&self, block: Block<'_>, path: &Path) -> Result<(u64, Summary)> {
-        let hit_gradient = hit_gradient_range(&block);
+        let hit_gradient = hit_gradient_range(&block.roles);
         // What only one thread can do, hashing and handing bytes to the system, goes on beside the rest.
         let ((writer, tally), voxels_sha256) = rayon::join(
-            || rayon::join(|| self.write_layers(path, &block, hit_gradient), || self.tally(&block)),
+            || {
+                let Derivatives { gradient_magnitude, second_derivative } = &block.derivatives;
+                let derivatives = [voxels(gradient_magnitude), voxels(second_derivative)];
+                rayon::join(
+                    || self.write_layers(path, &block, hit_gradient),
+                    || self.tally(&block.scalars, derivatives, &block.roles),
+                )
+            },
             || {
                 let mut hasher = Sha256::new();
                 scan::hash(&block.scalars, &mut hasher);
@@ -109,6 +115,8 @@ impl Packing<'_, '_> {
         }
         writer.write_layer(normal_layer(), &roles.normal)?;
         if self.0.settings.keep_derivatives {
+            let Derivatives { gradient_magnitude, second_derivative } = derivatives;
+            let derivatives = [voxels(gradient_magnitude), voxels(second_derivative)];
             for (layer, field, scale) in self.derivative_layers(derivatives)? {
                 writer.write_encoded_layer(layer, field, to_physical(scale))?;
             }
@@ -123,15 +131,18 @@ impl Packing<'_, '_> {
     }
 
     /// Packs one block of several: its bricks, layer by layer and the masks behind them, and what is to be said of its voxels.
+    /// Leaves nothing of the block but its memory.
     ///
     /// # Errors
     /// As [`Self::write`].
-    pub fn pack(&self, block: Block<'_>) -> Result<(Vec<Vec<PackedBrick>>, Summary)> {
-        let dims = block.interior.dims();
-        let inner = block.interior.within(&block.padded);
-        let padded = block.padded.dims();
-        let scalars = cropped(&block.scalars, padded, &inner);
-        let (value, roles) = (self.value_layer(), &block.roles);
+    pub fn pack(&self, block: &mut Block<'_>) -> Result<(Vec<Vec<PackedBrick>>, Summary)> {
+        let Block { interior, padded, scalars, derivatives, roles, .. } = block;
+        let (dims, inner, padded) = (interior.dims(), interior.within(padded), padded.dims());
+        let scalars = cropped(scalars, padded, &inner);
+        let Derivatives { gradient_magnitude, second_derivative } = derivatives;
+        let derivatives =
+            [gradient_magnitude, second_derivative].map(|field| &*inner.gather(voxels_mut(field), padded));
+        let value = self.value_layer();
         let mut layers = vec![
             with_scalars!(&*scalars, values => only_bricks(pack_bricks(&value, dims, values, |value| value, &[])?)),
         ];
@@ -146,14 +157,13 @@ impl Packing<'_, '_> {
         let (masks, bits): (Vec<_>, Vec<_>) = masks.into_iter().map(|mask| (mask.brick, mask.bits_crc32)).unzip();
         layers.push(only_bricks(pack_bricks(&normal_layer(), dims, &roles.normal, |normal| normal, &bits)?));
         if self.0.settings.keep_derivatives {
-            for (layer, field, scale) in self.derivative_layers(&block.derivatives)? {
-                let field = inner.crop(field, padded);
-                layers.push(only_bricks(pack_bricks(&layer, dims, &field, to_physical(scale), &[])?));
+            for (layer, field, scale) in self.derivative_layers(derivatives)? {
+                layers.push(only_bricks(pack_bricks(&layer, dims, field, to_physical(scale), &[])?));
             }
         }
         layers.push(masks);
-        let (hit_gradient, tally) = (hit_gradient_range(&block), self.tally(&block));
-        Ok((layers, Summary { counts: block.counts, hit_gradient, tally, edges: block.edges }))
+        let (hit_gradient, tally) = (hit_gradient_range(roles), self.tally(&scalars, derivatives, roles));
+        Ok((layers, Summary { counts: block.counts, hit_gradient, tally, edges: block.edges.take() }))
     }
 
     /// Makes the packed file of finished blocks, and returns its length in bytes.
@@ -227,10 +237,10 @@ impl Packing<'_, '_> {
     }
 
     /// The layers of the derivatives, each with its numbers in working units and what one of those is in physical ones.
-    fn derivative_layers<'d>(&self, derivatives: &'d Derivatives) -> Result<[(Layer, &'d [f32], f64); 2]> {
-        let Derivatives { gradient_magnitude, second_derivative } = derivatives;
+    fn derivative_layers<'d>(&self, derivatives: [&'d [f32]; 2]) -> Result<[(Layer, &'d [f32], f64); 2]> {
         let scales = [self.0.scaling.gradient_scale(), self.0.scaling.second_derivative_scale()];
-        for ((layer, [low, high]), scale) in derivative_layers().iter().zip(derivatives.ranges()).zip(scales) {
+        for ((layer, field), scale) in derivative_layers().iter().zip(derivatives).zip(scales) {
+            let [low, high] = par_range_within(field, f32::MIN, f32::MAX).unwrap_or_default();
             if to_physical(scale)(low.abs().max(high.abs())).is_infinite() {
                 return Err(Error::Parameter(format!(
                     "{}: `{}` leaves the range of f32; scale the values or the spacing down",
@@ -240,18 +250,16 @@ impl Packing<'_, '_> {
             }
         }
         let [first, second] = derivative_layers();
-        Ok([(first, voxels(gradient_magnitude), scales[0]), (second, voxels(second_derivative), scales[1])])
+        Ok([(first, derivatives[0], scales[0]), (second, derivatives[1], scales[1])])
     }
 
-    /// Counts a block's voxels, before anything is quantised.
-    fn tally(&self, block: &Block<'_>) -> Tally {
-        let Block { interior, padded, roles, derivatives, .. } = block;
-        let (inner, padded): (Region, _) = (interior.within(padded), padded.dims());
+    /// Counts voxels, before anything is quantised.
+    fn tally(&self, value: &Scalars, [gradient, second_derivative]: [&[f32]; 2], roles: &Roles) -> Tally {
         Tally::new(
             &Quantities {
-                value: &cropped(&block.scalars, padded, &inner),
-                gradient: &inner.crop(voxels(&derivatives.gradient_magnitude), padded),
-                second_derivative: &inner.crop(voxels(&derivatives.second_derivative), padded),
+                value,
+                gradient,
+                second_derivative,
                 hit_gradient: &roles.hit_gradient,
                 hit_value: &roles.hit_value,
                 distance: &roles.distance,
@@ -350,6 +358,6 @@ fn to_physical(scale: f64) -> impl Fn(f32) -> f32 + Copy + Sync {
     move |working| (f64::from(working) * scale) as f32
 }
 
-fn hit_gradient_range(block: &Block<'_>) -> Option<[f32; 2]> {
-    par_range_within(&block.roles.hit_gradient, f32::NEG_INFINITY, f32::INFINITY)
+fn hit_gradient_range(roles: &Roles) -> Option<[f32; 2]> {
+    par_range_within(&roles.hit_gradient, f32::NEG_INFINITY, f32::INFINITY)
 }

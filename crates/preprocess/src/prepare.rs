@@ -243,8 +243,9 @@ fn in_blocks(
             (0..slices(index)).for_each(|_| progress.step());
             continue;
         }
-        let block = recipe.prepare(plan.region(index), progress, watch)?;
-        let (layers, summary) = Packing(recipe).pack(block)?;
+        let mut block = recipe.prepare(plan.region(index), progress, watch)?;
+        let (layers, summary) = Packing(recipe).pack(&mut block)?;
+        recipe.reuse(block);
         unfinished.append(index, &layers, &summary.to_numbers())?;
         watch.lap("packing");
     }

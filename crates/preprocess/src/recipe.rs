@@ -1,6 +1,7 @@
 //! What is the same for every block of a volume, and the way of one block through all stages.
 
 use std::borrow::Cow;
+use std::mem::take;
 
 use voxrole_pack::{ScalarType, Scalars};
 
@@ -8,7 +9,7 @@ use crate::automatic::{Choice, LEAST_BLUR, choose};
 use crate::blur::Edges;
 use crate::boundary::{GRADIENT_FLOOR, GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::differentiation::{Gradient, GradientSource, differentiate, spline_through};
+use crate::differentiation::{Gradient, GradientSource, differentiate, differentiate_into, spline_through};
 use crate::directional_derivative::Derivatives;
 use crate::gaussian::{gaussian, radius_of};
 use crate::noise::{noise_sigma, noise_sigma_of_slabs, smoothed_noise_sigma};
@@ -61,6 +62,16 @@ pub struct Recipe<'a> {
     floor: GradientFloor,
     /// The field of the whole volume, until a block takes it.
     whole: Option<WorkingField>,
+    spare: Spare,
+}
+
+/// Memory of the block before, for the next one: the system takes as long to make room as all stages but the rays.
+#[derive(Default)]
+struct Spare {
+    values: Vec<f32>,
+    derivatives: [Vec<f32>; 2],
+    cells: Vec<u8>,
+    roles: Roles,
 }
 
 /// One block on its way.
@@ -149,7 +160,19 @@ impl<'a> Recipe<'a> {
             value_noise.noisy_values(|value| f64::from(value) * scaling.value_scale() + scaling.value_offset());
         let gradient_noise = GradientNoise::new(settings.kernel, &sigmas, scaling.spacing(), dims, left)?;
         let floor = GradientFloor::new(gradient_noise, value_noise, settings.noise_floor as f32);
-        Ok(Self { source, scan, settings, choice, noise, range_sigmas, scaling, noisy_values, floor, whole })
+        Ok(Self {
+            source,
+            scan,
+            settings,
+            choice,
+            noise,
+            range_sigmas,
+            scaling,
+            noisy_values,
+            floor,
+            whole,
+            spare: Spare::default(),
+        })
     }
 
     /// How many voxels away along each axis a voxel's role depends on the volume.
@@ -169,17 +192,18 @@ impl<'a> Recipe<'a> {
         watch.lap("reading blocks");
         let mut field = match self.whole.take().filter(|field| field.dims() == padded.dims()) {
             Some(field) => field,
-            None => self.scaling.field(&scalars, padded.dims())?,
+            None => self.scaling.field_in(take(&mut self.spare.values), &scalars, padded.dims())?,
         };
         watch.lap("conversion");
         smooth_value(&mut field, padded.start, &settings.smoothing, &mut self.range_sigmas);
         watch.lap("value smoothing");
-        let (mut derivatives, source) = differentiate(&mut field, settings.kernel, settings.operator)?;
+        let mut derivatives = Derivatives::unset(take(&mut self.spare.derivatives), padded.dims());
+        let source = differentiate_into(&mut field, settings.kernel, settings.operator, &mut derivatives)?;
         watch.lap("derivatives");
         let (origin, sigmas) = (padded.start, &mut self.range_sigmas);
         smooth_derivatives(&mut derivatives, field.spacing, origin, &settings.smoothing, sigmas);
         watch.lap("derivative smoothing");
-        let cells = CellDistances::new(&derivatives.second_derivative);
+        let cells = CellDistances::new_in(take(&mut self.spare.cells), &derivatives.second_derivative);
         watch.lap("zero-crossing cells");
         let splines = DerivativeSplines::new(&derivatives, settings.reconstruction)?;
         watch.lap("reconstruction");
@@ -188,7 +212,7 @@ impl<'a> Recipe<'a> {
         let smooth = splines.smooth(&field, &source, &settings);
         let gradient = Gradient::new(&field, &source);
         let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
-        let roles = Roles::new(&tracer, interior.within(&padded), progress)?;
+        let roles = take(&mut self.spare.roles).again(&tracer, interior.within(&padded), progress)?;
         watch.lap("rays");
         let edges = self.edges(&tracer, &source, &field, &interior, padded.start);
         watch.lap("check of blur");
@@ -207,7 +231,16 @@ impl<'a> Recipe<'a> {
             cells: inner_cells.voxel_count() as u64,
             mixed_cells: cells.mixed_count(&inner_cells.within(&padded)),
         };
+        self.spare.cells = cells.cells;
         Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges })
+    }
+
+    /// Takes back the memory of a block that is finished.
+    pub fn reuse(&mut self, block: Block<'_>) {
+        let Block { field, derivatives, roles, .. } = block;
+        self.spare.values = field.values.into_raw_vec_and_offset().0;
+        self.spare.derivatives = derivatives.into_memory();
+        self.spare.roles = roles;
     }
 
     /// A warning where many boundaries are hardly above the noise: edges are not, so it was taken to be weaker than it is.

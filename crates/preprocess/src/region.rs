@@ -68,6 +68,19 @@ impl Region {
         self.rows(dims).for_each(|row| cropped.extend_from_slice(&values[row]));
         Cow::Owned(cropped)
     }
+
+    /// The same, moved to the array's front.
+    pub fn gather<'a, T: Copy>(&self, values: &'a mut [T], dims: [usize; 3]) -> &'a mut [T] {
+        if self.dims() != dims {
+            let mut gathered = 0;
+            for row in self.rows(dims) {
+                let len = row.len();
+                values.copy_within(row, gathered);
+                gathered += len;
+            }
+        }
+        &mut values[..self.voxel_count()]
+    }
 }
 
 /// Every how many voxels along each axis to look at parts of these dimensions, so that no more than about `most` are looked
@@ -94,6 +107,7 @@ mod tests {
         let cropped = outer.crop(&volume, [8, 5, 6]);
         let inner = region.within(&outer).crop(&cropped, outer.dims()).into_owned();
         assert_eq!(inner, region.crop(&volume, [8, 5, 6]).into_owned());
+        assert_eq!(region.gather(&mut volume.clone(), [8, 5, 6]), inner);
         assert_eq!((inner.len(), inner[0], inner[7]), (region.voxel_count(), [1, 2, 3], [2, 3, 4]));
         assert!(matches!(Region::whole([8, 5, 6]).crop(&volume, [8, 5, 6]), Cow::Borrowed(_)));
     }

@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
-use voxrole_pack::error::vec_with_capacity;
+use voxrole_pack::error::with_capacity;
 use voxrole_pack::quantization::{NO_NORMAL, encode_normal};
 
 use crate::Result;
@@ -12,7 +12,7 @@ use crate::region::Region;
 use crate::simd;
 
 /// Roles of the voxels of a region, x fastest, in working units.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Roles {
     /// Signed distance in multiples of L_min; NaN without a boundary, infinite for masked voxels.
     pub distance: Vec<f32>,
@@ -44,17 +44,22 @@ impl Roles {
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
+        Self::default().again(tracer, region, progress)
+    }
+
+    /// The same in the memory of roles that are not needed any more.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn again(self, tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
         let [nx, ny, _] = region.dims();
         let count = region.voxel_count();
         let mut roles = Self {
-            distance: filled(count, f32::NAN)?,
-            hit_gradient: filled(count, f32::NAN)?,
-            hit_value: filled(count, f32::NAN)?,
-            normal: filled(count, NO_NORMAL)?,
-            work: Work::default(),
-            hits: 0,
-            faint: 0,
-            masked: 0,
+            distance: filled(self.distance, count, f32::NAN)?,
+            hit_gradient: filled(self.hit_gradient, count, f32::NAN)?,
+            hit_value: filled(self.hit_value, count, f32::NAN)?,
+            normal: filled(self.normal, count, NO_NORMAL)?,
+            ..Self::default()
         };
         let slice = nx * ny;
         let totals = roles
@@ -84,8 +89,8 @@ impl Roles {
 }
 
 /// A vector of one value, written on every thread: memory is slow when it is written first.
-fn filled<T: Copy + Send + Sync>(count: usize, value: T) -> Result<Vec<T>> {
-    let mut values = vec_with_capacity(count, "the voxel roles")?;
+fn filled<T: Copy + Send + Sync>(memory: Vec<T>, count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = with_capacity(memory, count, "the voxel roles")?;
     rayon::iter::repeat_n(value, count).collect_into_vec(&mut values);
     Ok(values)
 }

@@ -5,7 +5,7 @@
 
 use ndarray::Array3;
 use rayon::prelude::*;
-use voxrole_pack::error::vec_with_capacity;
+use voxrole_pack::error::with_capacity;
 use voxrole_pack::scalar::Scalar;
 use voxrole_pack::{ScalarType, Scalars, with_scalars};
 
@@ -70,9 +70,20 @@ impl Scaling {
     ///
     /// # Panics
     /// When there are more or fewer numbers than voxels.
-    pub fn field(&self, scalars: &Scalars, [nx, ny, nz]: [usize; 3]) -> Result<WorkingField> {
+    pub fn field(&self, scalars: &Scalars, dims: [usize; 3]) -> Result<WorkingField> {
+        self.field_in(Vec::new(), scalars, dims)
+    }
+
+    /// The same in memory that was used before.
+    ///
+    /// # Errors
+    /// As [`Self::field`].
+    ///
+    /// # Panics
+    /// As [`Self::field`].
+    pub fn field_in(&self, memory: Vec<f32>, scalars: &Scalars, [nx, ny, nz]: [usize; 3]) -> Result<WorkingField> {
         let Self { shift, factor, spacing, value_scale, value_offset, smallest_spacing } = *self;
-        let mut values = vec_with_capacity(scalars.len(), "the value field")?;
+        let mut values = with_capacity(memory, scalars.len(), "the value field")?;
         with_scalars!(scalars, stored => {
             stored.par_iter().map(|value| scaled(value.to_f64(), shift, factor)).collect_into_vec(&mut values);
         });

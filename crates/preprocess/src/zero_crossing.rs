@@ -35,9 +35,19 @@ impl CellDistances {
     /// operations on bytes (three for every step and axis), 32 at a time with AVX2.
     #[must_use]
     pub fn new(second_derivative: &Field) -> Self {
+        Self::new_in(Vec::new(), second_derivative)
+    }
+
+    /// The same in memory that was used before.
+    #[must_use]
+    pub fn new_in(mut cells: Vec<u8>, second_derivative: &Field) -> Self {
         let voxel_dims = dims_of(second_derivative);
         let dims @ [nx, ny, nz] = voxel_dims.map(|dim| dim.saturating_sub(1).max(1));
-        let mut cells = vec![0; nx * ny * nz];
+        if cells.capacity() < nx * ny * nz {
+            // Zeros that the system makes where they are written first, on every thread.
+            cells = vec![0; nx * ny * nz];
+        }
+        cells.resize(nx * ny * nz, 0);
         let slabs = cells.par_chunks_mut(nx * ny * SLAB).enumerate();
         slabs.for_each_init(
             || SlabBuffers::new(dims),
