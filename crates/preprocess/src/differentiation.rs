@@ -91,6 +91,18 @@ pub enum GradientSource {
     Spline(Coefficients),
 }
 
+impl GradientSource {
+    /// Its memory, for [`differentiate_into`].
+    #[must_use]
+    pub fn into_memory(self) -> Vec<f32> {
+        match self {
+            Self::Central2 => Vec::new(),
+            Self::Central4(field) => field.into_memory(),
+            Self::Spline(coefficients) => coefficients.field.into_memory(),
+        }
+    }
+}
+
 /// Differentiates a field. A [`Kernel::Gaussian`] smooths it first.
 ///
 /// Voxels from which the kernel reaches a NaN are NaN in both results. A spline reaches every voxel, with weights that
@@ -105,11 +117,11 @@ pub fn differentiate(
     operator: EdgeOperator,
 ) -> Result<(Derivatives, GradientSource)> {
     let mut derivatives = Derivatives::zeros(field.dims());
-    let source = differentiate_into(field, kernel, operator, &mut derivatives)?;
+    let source = differentiate_into(field, kernel, operator, &mut derivatives, Vec::new())?;
     Ok((derivatives, source))
 }
 
-/// As [`differentiate`], into fields that exist already.
+/// As [`differentiate`], into fields that exist already; what gives the gradient is made in `memory`, if that is enough.
 ///
 /// # Errors
 /// As [`differentiate`].
@@ -121,6 +133,7 @@ pub fn differentiate_into(
     kernel: Kernel,
     operator: EdgeOperator,
     derivatives: &mut Derivatives,
+    memory: Vec<f32>,
 ) -> Result<GradientSource> {
     if let Kernel::Gaussian(sigma) = kernel {
         let radius = radius_of(sigma as f32, field.spacing);
@@ -132,13 +145,13 @@ pub fn differentiate_into(
             GradientSource::Central2
         }
         None => {
-            let padded = PaddedField::new(&field.values)?;
+            let padded = PaddedField::new_in(memory, &field.values)?;
             separable_derivatives_into(&padded, field.spacing, &SeparableKernel::CENTRAL_4, operator, derivatives);
             GradientSource::Central4(padded)
         }
         Some(degree) => {
             let (values, holes) = Holes::filled(&field.values);
-            let coefficients = Coefficients::new(&values, degree)?;
+            let coefficients = Coefficients::new_in(memory, &values, degree)?;
             let kernel = SeparableKernel::spline(degree);
             separable_derivatives_into(&coefficients.field, field.spacing, &kernel, operator, derivatives);
             let radius = if degree == Degree::Cubic { 1 } else { PADDING };
@@ -239,6 +252,23 @@ mod tests {
         }
         let geometry = GridGeometry::axis_aligned(dims, spacing);
         WorkingField::new(&Grid::new("test", geometry, Scalars::F64(values)).expect("a grid")).expect("a field")
+    }
+
+    #[test]
+    fn what_memory_held_before_changes_nothing() {
+        let field = sampled([9, 7, 8], [1.0, 1.5, 1.0], |[x, y, z]| (x + 0.3 * y * z).sin());
+        for kernel in KERNELS {
+            let of_source = |source: &GradientSource| Gradient::new(&field, source).at([8, 0, 3]);
+            let (expected, source) = differentiate(&mut field.clone(), kernel, EdgeOperator::Plus).expect("fits");
+            let expected_gradient = of_source(&source);
+            let memory = || vec![f32::NAN; 4000];
+            let mut found = Derivatives::unset([memory(), memory()], field.dims());
+            let source =
+                differentiate_into(&mut field.clone(), kernel, EdgeOperator::Plus, &mut found, memory()).expect("fits");
+            assert_eq!(of_source(&source), expected_gradient, "{kernel}");
+            assert_eq!(found.gradient_magnitude, expected.gradient_magnitude, "{kernel}");
+            assert_eq!(found.second_derivative, expected.second_derivative, "{kernel}");
+        }
     }
 
     #[test]

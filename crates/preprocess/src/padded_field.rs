@@ -26,22 +26,42 @@ impl PaddedField {
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(field: &Field) -> Result<Self> {
-        let mut padded = Self::zeros(dims_of(field))?;
+        Self::new_in(Vec::new(), field)
+    }
+
+    /// The same in memory that was used before.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn new_in(memory: Vec<f32>, field: &Field) -> Result<Self> {
+        let mut padded = Self::unset(memory, dims_of(field))?;
         let mut inside = padded.inside_mut();
         let slices: Vec<_> = inside.axis_iter_mut(Axis(0)).zip(field.axis_iter(Axis(0))).collect();
         // Added to 0 so that −0 becomes 0, as in every sum beyond the faces.
-        slices.into_par_iter().for_each(|(mut to, from)| to.zip_mut_with(&from, |to, from| *to += from));
+        slices.into_par_iter().for_each(|(mut to, from)| to.zip_mut_with(&from, |to, from| *to = 0.0 + from));
         padded.continue_beyond_faces();
         Ok(padded)
     }
 
-    /// Zeros everywhere, for a field of `dims` voxels.
+    /// Any numbers inside and around the faces of a field of `dims` voxels, in memory that was used before where there is
+    /// enough of it.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub(crate) fn zeros(dims: [usize; 3]) -> Result<Self> {
+    pub(crate) fn unset(mut values: Vec<f32>, dims: [usize; 3]) -> Result<Self> {
         let [_, slice_len] = strides(dims);
-        Ok(Self { values: zeros(slice_len * padded_len(dims[2]) + SLACK)?, dims })
+        let len = slice_len * padded_len(dims[2]);
+        if values.capacity() < len + SLACK {
+            return Ok(Self { values: zeros(len + SLACK)?, dims });
+        }
+        values.truncate(len);
+        values.resize(len + SLACK, 0.0);
+        Ok(Self { values, dims })
+    }
+
+    /// The memory, for [`Self::unset`].
+    pub(crate) fn into_memory(self) -> Vec<f32> {
+        self.values
     }
 
     /// The samples inside the faces, indexed (z, y, x).

@@ -70,6 +70,8 @@ pub struct Recipe<'a> {
 struct Spare {
     values: Vec<f32>,
     derivatives: [Vec<f32>; 2],
+    /// Of what gives the gradient.
+    source: Vec<f32>,
     cells: Vec<u8>,
     roles: Roles,
 }
@@ -198,7 +200,8 @@ impl<'a> Recipe<'a> {
         smooth_value(&mut field, padded.start, &settings.smoothing, &mut self.range_sigmas);
         watch.lap("value smoothing");
         let mut derivatives = Derivatives::unset(take(&mut self.spare.derivatives), padded.dims());
-        let source = differentiate_into(&mut field, settings.kernel, settings.operator, &mut derivatives)?;
+        let memory = take(&mut self.spare.source);
+        let source = differentiate_into(&mut field, settings.kernel, settings.operator, &mut derivatives, memory)?;
         watch.lap("derivatives");
         let (origin, sigmas) = (padded.start, &mut self.range_sigmas);
         smooth_derivatives(&mut derivatives, field.spacing, origin, &settings.smoothing, sigmas);
@@ -231,7 +234,7 @@ impl<'a> Recipe<'a> {
             cells: inner_cells.voxel_count() as u64,
             mixed_cells: cells.mixed_count(&inner_cells.within(&padded)),
         };
-        self.spare.cells = cells.cells;
+        (self.spare.cells, self.spare.source) = (cells.cells, source.into_memory());
         Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges })
     }
 

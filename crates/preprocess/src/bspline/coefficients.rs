@@ -22,7 +22,15 @@ impl Coefficients {
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(field: &Field, degree: Degree) -> Result<Self> {
-        let mut coefficients = PaddedField::zeros(dims_of(field))?;
+        Self::new_in(Vec::new(), field, degree)
+    }
+
+    /// The same in memory that was used before.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn new_in(memory: Vec<f32>, field: &Field, degree: Degree) -> Result<Self> {
+        let mut coefficients = PaddedField::unset(memory, dims_of(field))?;
         prefilter(field, &mut coefficients, degree);
         coefficients.continue_beyond_faces();
         Ok(Self { field: coefficients, degree })
