@@ -42,7 +42,13 @@ impl Cost {
         if open || settings.kernel != Kernel::Central2 {
             floats += 1;
         }
-        if open || settings.smoothing.placement != Smoothing::None || matches!(settings.kernel, Kernel::Gaussian(_)) {
+        let is_gaussian =
+            settings.smoothing.placement == Smoothing::GaussianValue || matches!(settings.kernel, Kernel::Gaussian(_));
+        if open || settings.smoothing.placement != Smoothing::None || is_gaussian {
+            floats += 1;
+        }
+        // Two fields more while those of the block before are kept.
+        if open || is_gaussian {
             floats += 1;
         }
         if matches!(settings.reconstruction, Reconstruction::Cubic | Reconstruction::Quintic) {
@@ -51,8 +57,8 @@ impl Cost {
         if has_bad {
             floats += 1;
         }
-        // The roles, and what is cropped and packed.
-        let interior = 14 + 2 * number + 16 + if settings.keep_derivatives { 12 } else { 0 };
+        // The roles, the numbers cropped, and what is packed, once more while it is written.
+        let interior = 14 + 2 * number + 16 + if settings.keep_derivatives { 16 } else { 0 };
         Self { padded: number + 4 * floats + 1, interior }
     }
 

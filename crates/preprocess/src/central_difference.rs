@@ -122,7 +122,7 @@ impl Slice<'_> {
     }
 }
 
-/// The rows around a row that is no longer than a vector.
+/// The rows around a row that is hardly longer than a vector, or shorter.
 struct ShortRow<'a> {
     /// By tap along z, then along y.
     plane: [[&'a [f32]; 3]; 3],

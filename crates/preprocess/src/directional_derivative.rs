@@ -24,7 +24,7 @@ impl Derivatives {
         Self::unset([Vec::new(), Vec::new()], dims)
     }
 
-    /// Any numbers for a volume of `dims` voxels, in memory that was used before where there is enough of it.
+    /// Any numbers for a volume of `dims` voxels, in memory that was used before; zeros where there is not enough of it.
     #[must_use]
     pub fn unset(memory: [Vec<f32>; 2], [nx, ny, nz]: [usize; 3]) -> Self {
         let shape = (nz, ny, nx);

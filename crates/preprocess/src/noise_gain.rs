@@ -50,6 +50,7 @@ pub struct GradientNoise {
     axes: [Vec<[f32; 2]>; 3],
     dims: [usize; 3],
     noise: f32,
+    /// See [`Self::least`].
     least: f32,
 }
 
@@ -89,7 +90,8 @@ impl GradientNoise {
     }
 }
 
-/// The noise of the noisiest component of a gradient, by the gains along each axis.
+/// The noise of the noisiest component of a gradient, by the gains along each axis; one order of products, so that rounding is
+/// the same for all.
 #[inline(always)]
 fn noisiest(noise: f32, [[x, along_x], [y, along_y], [z, along_z]]: [[f32; 2]; 3]) -> f32 {
     noise * (along_x * y * z).max(x * along_y * z).max(x * y * along_z)

@@ -20,7 +20,7 @@ use crate::assembly::FinishedBricks;
 use crate::block_plan::BlockPlan;
 use crate::directional_derivative::{Derivatives, EdgeOperator};
 use crate::joint_histogram::{Axes, Binning, DISTANCE_BINS, Quantities, Tally, value_axis};
-use crate::recipe::{Block, Recipe};
+use crate::recipe::{Block, Recipe, Spare};
 use crate::roles::{MASKED, Roles};
 use crate::scan;
 use crate::settings::Settings;
@@ -85,14 +85,14 @@ impl Packing<'_, '_> {
             },
         );
         let mut writer = writer?;
-        let Block { scalars, field, derivatives, roles, counts, edges, .. } = block;
+        let Block { scalars, field, derivatives, roles, counts, edges, spare, .. } = block;
         let summary = Summary { counts, hit_gradient, tally, edges };
         writer.write_histograms(summary.tally.histograms(&self.axes()))?;
         let description = self.description(&summary, voxels_sha256);
         // Memory is given back while the disk is waited for.
         let (file_bytes, _) = rayon::join(
             || writer.finish(description),
-            || rayon::join(|| drop((scalars, field, derivatives)), || drop(roles)),
+            || rayon::join(|| drop((scalars, field, derivatives, spare)), || drop(roles)),
         );
         Ok((file_bytes?, summary))
     }
@@ -131,12 +131,12 @@ impl Packing<'_, '_> {
     }
 
     /// Packs one block of several: its bricks, layer by layer and the masks behind them, and what is to be said of its voxels.
-    /// Leaves nothing of the block but its memory.
+    /// The block's memory is handed back.
     ///
     /// # Errors
     /// As [`Self::write`].
-    pub fn pack(&self, block: &mut Block<'_>) -> Result<(Vec<Vec<PackedBrick>>, Summary)> {
-        let Block { interior, padded, scalars, derivatives, roles, .. } = block;
+    pub fn pack(&self, mut block: Block<'_>) -> Result<(Vec<Vec<PackedBrick>>, Summary, Spare)> {
+        let Block { interior, padded, scalars, derivatives, roles, .. } = &mut block;
         let (dims, inner, padded) = (interior.dims(), interior.within(padded), padded.dims());
         let scalars = cropped(scalars, padded, &inner);
         let Derivatives { gradient_magnitude, second_derivative } = derivatives;
@@ -163,7 +163,8 @@ impl Packing<'_, '_> {
         }
         layers.push(masks);
         let (hit_gradient, tally) = (hit_gradient_range(roles), self.tally(&scalars, derivatives, roles));
-        Ok((layers, Summary { counts: block.counts, hit_gradient, tally, edges: block.edges.take() }))
+        let summary = Summary { counts: block.counts, hit_gradient, tally, edges: block.edges.take() };
+        Ok((layers, summary, block.into_spare()))
     }
 
     /// Makes the packed file of finished blocks, and returns its length in bytes.

@@ -52,8 +52,10 @@ impl PaddedField {
         let [_, slice_len] = strides(dims);
         let len = slice_len * padded_len(dims[2]);
         if values.capacity() < len + SLACK {
+            drop(values);
             return Ok(Self { values: zeros(len + SLACK)?, dims });
         }
+        // The slack is zeros.
         values.truncate(len);
         values.resize(len + SLACK, 0.0);
         Ok(Self { values, dims })

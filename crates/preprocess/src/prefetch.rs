@@ -1,7 +1,7 @@
 //! Hints for the processor's caches.
 //!
-//! The one module of this crate with `unsafe` code: without these hints central differences take 1.25 times as long
-//! (docs/benchmarks.md), because reading, computing and writing wait for each other.
+//! The one module of this crate with `unsafe` code: without these hints central differences take 1.24 times as long
+//! (docs/benchmarks.md, “Speed”), because reading, computing and writing wait for each other.
 
 /// Asks for the cache line of `samples[index]`, which may lie beyond the end; changes no result.
 ///

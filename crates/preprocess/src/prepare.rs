@@ -11,12 +11,12 @@ use crate::block_plan::{BlockPlan, Cost, MOST_AT_ONCE};
 use crate::io::VolumeFile;
 use crate::packing::{MADE_BY, Packing};
 use crate::progress::Progress;
-use crate::recipe::{Block, Recipe};
+use crate::recipe::{Block, Recipe, Spare};
 use crate::region::Region;
 use crate::report::{Counts, FieldSigma, Report, Stopwatch};
 use crate::roles::Roles;
 use crate::scan::Scan;
-use crate::settings::Settings;
+use crate::settings::{Automatic, Settings};
 use crate::source::Source;
 use crate::summary::Summary;
 use crate::working_field::{Scaling, WorkingField};
@@ -219,7 +219,9 @@ fn in_blocks(
 ) -> Result<Outcome> {
     let voxels_sha256 = recipe.scan.voxels_sha256.expect("blocks are only made with the hash");
     let (dims, reach) = (recipe.source.dims(), recipe.reach());
-    let cost = Cost::new(&recipe.settings, recipe.source.scalar_type(), recipe.scan.has_bad);
+    // Nothing is left to the data any more.
+    let settings = Settings { automatic: Automatic::default(), ..recipe.settings };
+    let cost = Cost::new(&settings, recipe.source.scalar_type(), recipe.scan.has_bad);
     let task = task(recipe, voxels_sha256);
     // Half of the machine's memory is not the same after every start of the machine: an earlier run's blocks will do.
     let again = kept.filter(|kept| kept.task == task);
@@ -243,12 +245,14 @@ fn in_blocks(
             (0..slices(index)).for_each(|_| progress.step());
             continue;
         }
-        let mut block = recipe.prepare(plan.region(index), progress, watch)?;
-        let (layers, summary) = Packing(recipe).pack(&mut block)?;
-        recipe.reuse(block);
+        let block = recipe.prepare(plan.region(index), progress, watch)?;
+        let (layers, summary, spare) = Packing(recipe).pack(block)?;
+        recipe.reuse(spare);
         unfinished.append(index, &layers, &summary.to_numbers())?;
         watch.lap("packing");
     }
+    // What is put together needs memory, too.
+    recipe.reuse(Spare::default());
     progress.begin("putting the file together", 1);
     let packing = Packing(recipe);
     let axes = packing.axes();

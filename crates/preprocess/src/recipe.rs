@@ -65,9 +65,10 @@ pub struct Recipe<'a> {
     spare: Spare,
 }
 
-/// Memory of the block before, for the next one: the system takes as long to make room as all stages but the rays.
+/// Memory of the block before, for the next one: the system takes longer to make room than all stages but the rays take. What
+/// few settings need, as smoothing does, is not in it.
 #[derive(Default)]
-struct Spare {
+pub struct Spare {
     values: Vec<f32>,
     derivatives: [Vec<f32>; 2],
     /// Of what gives the gradient.
@@ -94,6 +95,18 @@ pub struct Block<'a> {
     pub counts: Counts,
     /// Edges on the way, where a spline is to be checked against their blur.
     pub edges: Option<Edges>,
+    /// Memory that is needed no longer.
+    pub spare: Spare,
+}
+
+impl Block<'_> {
+    /// All of its memory.
+    #[must_use]
+    pub fn into_spare(self) -> Spare {
+        let Self { field, derivatives, roles, spare, .. } = self;
+        let values = field.values.into_raw_vec_and_offset().0;
+        Spare { values, derivatives: derivatives.into_memory(), roles, ..spare }
+    }
 }
 
 impl<'a> Recipe<'a> {
@@ -215,7 +228,7 @@ impl<'a> Recipe<'a> {
         let smooth = splines.smooth(&field, &source, &settings);
         let gradient = Gradient::new(&field, &source);
         let tracer = Tracer::new(&field, &derivatives, &cells, gradient, smooth, &floor, &settings);
-        let roles = take(&mut self.spare.roles).again(&tracer, interior.within(&padded), progress)?;
+        let roles = Roles::new_in(take(&mut self.spare.roles), &tracer, interior.within(&padded), progress)?;
         watch.lap("rays");
         let edges = self.edges(&tracer, &source, &field, &interior, padded.start);
         watch.lap("check of blur");
@@ -234,16 +247,13 @@ impl<'a> Recipe<'a> {
             cells: inner_cells.voxel_count() as u64,
             mixed_cells: cells.mixed_count(&inner_cells.within(&padded)),
         };
-        (self.spare.cells, self.spare.source) = (cells.cells, source.into_memory());
-        Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges })
+        let spare = Spare { cells: cells.cells, source: source.into_memory(), ..Spare::default() };
+        Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges, spare })
     }
 
-    /// Takes back the memory of a block that is finished.
-    pub fn reuse(&mut self, block: Block<'_>) {
-        let Block { field, derivatives, roles, .. } = block;
-        self.spare.values = field.values.into_raw_vec_and_offset().0;
-        self.spare.derivatives = derivatives.into_memory();
-        self.spare.roles = roles;
+    /// Takes the memory of a block that is finished for the next one.
+    pub fn reuse(&mut self, spare: Spare) {
+        self.spare = spare;
     }
 
     /// A warning where many boundaries are hardly above the noise: edges are not, so it was taken to be weaker than it is.

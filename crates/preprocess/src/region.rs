@@ -69,7 +69,7 @@ impl Region {
         Cow::Owned(cropped)
     }
 
-    /// The same, moved to the array's front.
+    /// The same, moved to the array's front; what is behind it is left over.
     pub fn gather<'a, T: Copy>(&self, values: &'a mut [T], dims: [usize; 3]) -> &'a mut [T] {
         if self.dims() != dims {
             let mut gathered = 0;

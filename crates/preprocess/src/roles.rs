@@ -44,21 +44,21 @@ impl Roles {
     /// # Errors
     /// [`crate::Error::Pack`] when memory runs out.
     pub fn new(tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
-        Self::default().again(tracer, region, progress)
+        Self::new_in(Self::default(), tracer, region, progress)
     }
 
-    /// The same in the memory of roles that are not needed any more.
+    /// The same in the memory of roles that are needed no longer.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn again(self, tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
+    pub fn new_in(memory: Self, tracer: &Tracer<'_>, region: Region, progress: &dyn Progress) -> Result<Self> {
         let [nx, ny, _] = region.dims();
         let count = region.voxel_count();
         let mut roles = Self {
-            distance: filled(self.distance, count, f32::NAN)?,
-            hit_gradient: filled(self.hit_gradient, count, f32::NAN)?,
-            hit_value: filled(self.hit_value, count, f32::NAN)?,
-            normal: filled(self.normal, count, NO_NORMAL)?,
+            distance: filled(memory.distance, count, f32::NAN)?,
+            hit_gradient: filled(memory.hit_gradient, count, f32::NAN)?,
+            hit_value: filled(memory.hit_value, count, f32::NAN)?,
+            normal: filled(memory.normal, count, NO_NORMAL)?,
             ..Self::default()
         };
         let slice = nx * ny;
