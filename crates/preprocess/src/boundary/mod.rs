@@ -277,17 +277,46 @@ impl<'a> Tracer<'a> {
 
     /// The first sample at which g rises or falls, for a ray that starts where it does neither.
     fn leave_plateau(&self, signed: SignedRay, work: &mut Work) -> Option<(u32, Rise)> {
-        for k in 1..=self.last_step {
-            let q = self.rise(signed, self.t(k), work).filter(|q| !q.is_nan())?;
+        let slowness = signed.ray.slowness();
+        let mut k = 1;
+        // Whether the sample before lies in a cell that is known to have f'' = 0 throughout.
+        let mut level_cell = true;
+        while k <= self.last_step {
+            let place = self.sampler.place(&signed.ray, self.t(k))?;
+            let distance = self.distance_to_mixed(place.cell);
+            if distance > 0 && level_cell {
+                k = self.beyond(&signed.ray, slowness, place.cell, distance, k);
+                continue;
+            }
+            level_cell = distance > 0;
+            work.samples += 1;
+            let q = signed.sign * self.sampler.trilinear(self.second_derivative, &place);
+            if q.is_nan() {
+                return None;
+            }
             if q > 0.0 {
                 return Some((k, Rise::Rises));
             }
             if q < 0.0 {
-                let end = bisect(self.t(k - 1), self.t(k), |t| self.rise(signed, t, work).is_some_and(|q| q >= 0.0));
+                let mut probe = Probe { tracer: self, signed, cell: None, known: true, work };
+                let end = bisect(self.t(k - 1), self.t(k), |t| probe.rise(t) >= 0.0);
                 return Some((k, Rise::Falls(end)));
             }
+            k += 1;
         }
         None
+    }
+
+    /// How many cells away the nearest one is in which f'' may change its sign; 0 where nothing is leapt over.
+    #[inline(always)]
+    fn distance_to_mixed(&self, [i, j, k]: [usize; 3]) -> u8 {
+        self.cells.map_or(0, |cells| cells.cells[(k * cells.dims[1] + j) * cells.dims[0] + i])
+    }
+
+    /// The first sample behind sample `k` that lies beyond all cells closer to `cell` than `distance`: those have its sign.
+    #[inline(always)]
+    fn beyond(&self, ray: &Ray, slowness: Vec3, cell: [usize; 3], distance: u8, k: u32) -> u32 {
+        k.max((ray.leaves(slowness, cell, distance) * self.safe_steps_per_length) as u32).saturating_add(1)
     }
 
     /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
@@ -300,18 +329,12 @@ impl<'a> Tracer<'a> {
         let mut rising_cell = start == 0;
         while k <= self.last_step {
             let Some(place) = self.sampler.place(&signed.ray, self.t(k)) else { return Crossing::Nowhere };
-            if let Some(cells) = self.cells {
-                let [nx, ny, _] = cells.dims;
-                let [i, j, l] = place.cell;
-                let distance = cells.cells[(l * ny + j) * nx + i];
-                if distance > 0 && rising_cell {
-                    // All cells closer than `distance` have this one's sign: the next sample is the first beyond them.
-                    let end = signed.ray.leaves(slowness, place.cell, distance);
-                    k = k.max((end * self.safe_steps_per_length) as u32).saturating_add(1);
-                    continue;
-                }
-                rising_cell = distance > 0;
+            let distance = self.distance_to_mixed(place.cell);
+            if distance > 0 && rising_cell {
+                k = self.beyond(&signed.ray, slowness, place.cell, distance, k);
+                continue;
             }
+            rising_cell = distance > 0;
             work.samples += 1;
             let q = signed.sign * self.sampler.trilinear(self.second_derivative, &place);
             if q < 0.0 {
@@ -493,14 +516,6 @@ impl<'a> Tracer<'a> {
 
     fn t(&self, k: u32) -> f32 {
         (k as f32 * self.step).min(self.last_place)
-    }
-
-    /// q(t), or `None` outside the volume.
-    #[inline(always)]
-    fn rise(&self, signed: SignedRay, t: f32, work: &mut Work) -> Option<f32> {
-        let place = self.sampler.place(&signed.ray, t)?;
-        work.samples += 1;
-        Some(signed.sign * self.sampler.trilinear(self.second_derivative, &place))
     }
 }
 
