@@ -151,6 +151,29 @@ impl Corners {
         Self::from_array(self.as_array().map(|corner| factor * corner))
     }
 
+    /// The most by which the trilinear value falls along a direction anywhere in the cell, per unit of it, and a bound of what
+    /// rounding makes of values and places; NaN with a NaN at a corner.
+    ///
+    /// Its derivative along an axis is a mean of the four edges' differences.
+    #[inline(always)]
+    #[must_use]
+    pub fn steepest_fall(&self, direction: Vec3) -> [f32; 2] {
+        let [a, b, c, d, e, f, g, h] = self.as_array();
+        let along = |rises: [f32; 4], speed: f32| {
+            let [p, q, r, s] = rises;
+            ((-speed * p).max(-speed * q)).max((-speed * r).max(-speed * s))
+        };
+        let [x, y, z] = direction.to_array();
+        let fall = [
+            along([b - a, d - c, f - e, h - g], x),
+            along([c - a, d - b, g - e, h - f], y),
+            along([e - a, f - b, g - c, h - d], z),
+        ];
+        // A sum, because maxima pass over NaN.
+        let magnitudes = (a.abs() + b.abs() + c.abs() + d.abs()) + (e.abs() + f.abs() + g.abs() + h.abs());
+        [fall[0].max(0.0) + fall[1].max(0.0) + fall[2].max(0.0), 1e-5 * magnitudes]
+    }
+
     /// Trilinear value, see [`Sampler::trilinear`].
     #[inline(always)]
     #[must_use]
@@ -245,6 +268,32 @@ mod tests {
         let value = sampler.place(&along, 1.25).map(|place| sampler.trilinear(&field, &place));
         assert_eq!(value, Some(1.25));
         assert_eq!(sampler.place(&sampler.ray([0, 0, 0], Vec3::Y), 0.1), None);
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_falls_faster_than_the_steepest_fall(
+            corners in prop::array::uniform8(-1.0_f32..1.0),
+            ends in prop::array::uniform2(prop::array::uniform3(0.0_f32..1.0)),
+            hole in 0_usize..8,
+        ) {
+            let [from, to] = ends.map(Vec3::from_array);
+            let [fall, margin] = Corners::from_array(corners).steepest_fall(to - from);
+            let [begin, end] = [from, to].map(|place| Corners::from_array(corners).interpolate(place));
+            prop_assert!(begin - end <= fall + margin, "{begin} {end} {fall}");
+            let mut masked = corners;
+            masked[hole] = f32::NAN;
+            let [_, margin] = Corners::from_array(masked).steepest_fall(to - from);
+            prop_assert!(margin.is_nan());
+        }
+    }
+
+    #[test]
+    fn the_steepest_fall_of_a_ramp_is_its_own() {
+        let ramp = Corners::from_array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        for (direction, expected) in [(Vec3::X, 0.0), (-Vec3::X, 1.0), (Vec3::new(1.0, -1.0, -0.5), 4.0)] {
+            assert_eq!(ramp.steepest_fall(direction)[0], expected, "{direction}");
+        }
     }
 
     #[test]

@@ -252,7 +252,7 @@ impl<'a> Tracer<'a> {
     fn release(&self, up: SignedRay, down: SignedRay, second: f32, work: &mut Work) -> (Crossing, f32) {
         if second != 0.0 {
             let ray = if second > 0.0 { up } else { down };
-            return (self.climb_from(ray, 0, work), ray.sign);
+            return (self.climb_from(ray, 0, second.abs(), work), ray.sign);
         }
         (self.off_plateau(up, down, work).map_or(Crossing::Nowhere, Crossing::At), 1.0)
     }
@@ -265,7 +265,7 @@ impl<'a> Tracer<'a> {
             (Some((_, Rise::Falls(end))), Some((_, Rise::Falls(start)))) => Some(0.5 * (end - start)),
             _ => {
                 let climbed = |first: Option<(u32, Rise)>, ray: SignedRay, work: &mut Work| match first {
-                    Some((k, Rise::Rises)) => self.climb_from(ray, k, work).place(),
+                    Some((k, Rise::Rises)) => self.climb_from(ray, k, 0.0, work).place(),
                     _ => None,
                 };
                 let above = climbed(first_up, up, work);
@@ -319,10 +319,12 @@ impl<'a> Tracer<'a> {
         k.max((ray.leaves(slowness, cell, distance) * self.safe_steps_per_length) as u32).saturating_add(1)
     }
 
-    /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`.
+    /// Where q falls from positive to negative first, for a ray on which it is positive at sample `start`: `rise` at least.
     #[inline(always)]
-    fn climb_from(&self, signed: SignedRay, start: u32, work: &mut Work) -> Crossing {
+    fn climb_from(&self, signed: SignedRay, start: u32, rise: f32, work: &mut Work) -> Crossing {
         let slowness = signed.ray.slowness();
+        // Of the mixed cell at hand.
+        let (mut cell, mut fall) = ([usize::MAX; 3], [0.0; 2]);
         let mut k = start + 1;
         // Whether the sample before lies in a cell that is known to have q > 0 throughout. The voxel itself is a corner
         // of the first sample's cell.
@@ -335,17 +337,47 @@ impl<'a> Tracer<'a> {
                 continue;
             }
             rising_cell = distance > 0;
+            let corners = self.sampler.corners(self.second_derivative, place.cell);
+            let is_mixed = distance == 0 && self.cells.is_some();
+            if is_mixed && cell != place.cell {
+                (cell, fall) = (place.cell, corners.steepest_fall(signed.sign * signed.ray.direction()));
+                // The voxel is a corner of the first sample's cell, and that sample perhaps known by it.
+                if k == 1 {
+                    k = self.behind_rise(&signed.ray, slowness, cell, fall, [0.0, rise]);
+                    if k > 1 {
+                        continue;
+                    }
+                }
+            }
             work.samples += 1;
-            let q = signed.sign * self.sampler.trilinear(self.second_derivative, &place);
+            let q = signed.sign * corners.interpolate(place.fraction);
             if q < 0.0 {
                 return self.refine(signed, start, k, work);
             }
             if q.is_nan() {
                 return Crossing::Nowhere;
             }
-            k += 1;
+            let behind = if is_mixed { self.behind_rise(&signed.ray, slowness, cell, fall, [self.t(k), q]) } else { 0 };
+            k = behind.max(k + 1);
         }
         Crossing::Nowhere
+    }
+
+    /// The first sample that may not be positive, as far as is known by how steeply f'' falls in the cell that a ray is in; at
+    /// parameter `t` it is `q`.
+    #[inline(always)]
+    fn behind_rise(
+        &self,
+        ray: &Ray,
+        slowness: Vec3,
+        cell: [usize; 3],
+        [steepest, margin]: [f32; 2],
+        [t, q]: [f32; 2],
+    ) -> u32 {
+        let length = (q - margin) / steepest;
+        // Not where a corner is NaN.
+        let end = if length > 0.0 { ray.leaves(slowness, cell, 1).min(t + length) } else { t };
+        ((end * self.safe_steps_per_length) as u32).saturating_add(1)
     }
 
     /// Refines a crossing seen between samples `start`, where q is positive, and `k`, where it is negative. If q is 0 in
