@@ -49,16 +49,20 @@ impl PaddedField {
     /// # Errors
     /// As [`Self::new`].
     pub(crate) fn unset(mut values: Vec<f32>, dims: [usize; 3]) -> Result<Self> {
-        let [_, slice_len] = strides(dims);
-        let len = slice_len * padded_len(dims[2]);
-        if values.capacity() < len + SLACK {
+        let len = Self::memory_len(dims);
+        if values.capacity() < len {
             drop(values);
-            return Ok(Self { values: zeros(len + SLACK)?, dims });
+            return Ok(Self { values: zeros(len)?, dims });
         }
         // The slack is zeros.
-        values.truncate(len);
-        values.resize(len + SLACK, 0.0);
+        values.truncate(len - SLACK);
+        values.resize(len, 0.0);
         Ok(Self { values, dims })
+    }
+
+    /// Samples that a field of `dims` voxels takes up.
+    pub(crate) fn memory_len(dims: [usize; 3]) -> usize {
+        strides(dims)[1] * padded_len(dims[2]) + SLACK
     }
 
     /// The memory, for [`Self::unset`].

@@ -9,11 +9,12 @@ use crate::automatic::{Choice, LEAST_BLUR, choose};
 use crate::blur::Edges;
 use crate::boundary::{GRADIENT_FLOOR, GradientFloor, Tracer};
 use crate::bspline::{Coefficients, Degree, Evaluator};
-use crate::differentiation::{Gradient, GradientSource, differentiate, differentiate_into, spline_through};
+use crate::differentiation::{Gradient, GradientSource, Kernel, differentiate, differentiate_into, spline_through};
 use crate::directional_derivative::Derivatives;
 use crate::gaussian::{gaussian, radius_of};
 use crate::noise::{noise_sigma, noise_sigma_of_slabs, smoothed_noise_sigma};
 use crate::noise_gain::{GradientNoise, NoiseGain};
+use crate::padded_field::PaddedField;
 use crate::progress::Progress;
 use crate::reconstruction::{Reconstruction, Smooth};
 use crate::region::Region;
@@ -97,6 +98,26 @@ pub struct Block<'a> {
     pub edges: Option<Edges>,
     /// Memory that is needed no longer.
     pub spare: Spare,
+}
+
+impl Spare {
+    /// Room for the largest of several blocks, whose padded dimensions are given: what grew from block to block would leave holes.
+    /// The system makes it where it is written first.
+    fn for_blocks(blocks: impl Iterator<Item = [usize; 3]>, kernel: Kernel) -> Self {
+        let (mut voxels, mut padded) = (0, 0);
+        for dims in blocks {
+            voxels = voxels.max(dims.iter().product());
+            padded = padded.max(PaddedField::memory_len(dims));
+        }
+        let zeros = |len| vec![0.0; len];
+        Self {
+            values: zeros(voxels),
+            derivatives: [zeros(voxels), zeros(voxels)],
+            source: if kernel == Kernel::Central2 { Vec::new() } else { zeros(padded) },
+            cells: vec![0; voxels],
+            roles: Roles::default(),
+        }
+    }
 }
 
 impl Block<'_> {
@@ -249,6 +270,12 @@ impl<'a> Recipe<'a> {
         };
         let spare = Spare { cells: cells.cells, source: source.into_memory(), ..Spare::default() };
         Ok(Block { interior, padded, scalars, field, derivatives, roles, counts, edges, spare })
+    }
+
+    /// Makes room for any of several blocks.
+    pub fn make_room(&mut self, blocks: impl Iterator<Item = Region>) {
+        let (reach, dims) = (self.reach(), self.source.dims());
+        self.spare = Spare::for_blocks(blocks.map(|block| block.grown(reach, dims).dims()), self.settings.kernel);
     }
 
     /// Takes the memory of a block that is finished for the next one.
