@@ -47,7 +47,7 @@ impl Cost {
         if open || settings.smoothing.placement != Smoothing::None || is_gaussian {
             floats += 1;
         }
-        // Two fields more while those of the block before are kept.
+        // A Gaussian needs two, and the memory of the derivatives is kept meanwhile.
         if open || is_gaussian {
             floats += 1;
         }
