@@ -240,7 +240,7 @@ fn in_blocks(
     }
     let slices = |block: usize| plan.region(block).dims()[2] as u64;
     progress.begin("roles", (0..plan.len()).map(slices).sum());
-    recipe.make_room((0..plan.len()).map(|index| plan.region(index)));
+    recipe.make_room((0..plan.len()).map(|index| plan.region(index)))?;
     for index in 0..plan.len() {
         if unfinished.has(index) {
             (0..slices(index)).for_each(|_| progress.step());

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::mem::take;
 
+use voxrole_pack::error::vec_with_capacity;
 use voxrole_pack::{ScalarType, Scalars};
 
 use crate::automatic::{Choice, LEAST_BLUR, choose};
@@ -102,21 +103,20 @@ pub struct Block<'a> {
 
 impl Spare {
     /// Room for the largest of several blocks, whose padded dimensions are given: what grew from block to block would leave holes.
-    /// The system makes it where it is written first.
-    fn for_blocks(blocks: impl Iterator<Item = [usize; 3]>, kernel: Kernel) -> Self {
+    fn for_blocks(blocks: impl Iterator<Item = [usize; 3]>, kernel: Kernel) -> Result<Self> {
         let (mut voxels, mut padded) = (0, 0);
         for dims in blocks {
             voxels = voxels.max(dims.iter().product());
             padded = padded.max(PaddedField::memory_len(dims));
         }
-        let zeros = |len| vec![0.0; len];
-        Self {
-            values: zeros(voxels),
-            derivatives: [zeros(voxels), zeros(voxels)],
-            source: if kernel == Kernel::Central2 { Vec::new() } else { zeros(padded) },
-            cells: vec![0; voxels],
+        let what = "the fields of a block";
+        Ok(Self {
+            values: vec_with_capacity(voxels, what)?,
+            derivatives: [vec_with_capacity(voxels, what)?, vec_with_capacity(voxels, what)?],
+            source: vec_with_capacity(if kernel == Kernel::Central2 { 0 } else { padded }, what)?,
+            cells: vec_with_capacity(voxels, what)?,
             roles: Roles::default(),
-        }
+        })
     }
 }
 
@@ -273,9 +273,13 @@ impl<'a> Recipe<'a> {
     }
 
     /// Makes room for any of several blocks.
-    pub fn make_room(&mut self, blocks: impl Iterator<Item = Region>) {
+    ///
+    /// # Errors
+    /// [`crate::Error::Pack`] when memory runs out.
+    pub fn make_room(&mut self, blocks: impl Iterator<Item = Region>) -> Result<()> {
         let (reach, dims) = (self.reach(), self.source.dims());
-        self.spare = Spare::for_blocks(blocks.map(|block| block.grown(reach, dims).dims()), self.settings.kernel);
+        self.spare = Spare::for_blocks(blocks.map(|block| block.grown(reach, dims).dims()), self.settings.kernel)?;
+        Ok(())
     }
 
     /// Takes the memory of a block that is finished for the next one.
