@@ -8,7 +8,6 @@
 pub mod app;
 pub mod args;
 pub mod bench;
-pub mod cells;
 pub mod classify;
 pub mod demo;
 pub mod device_args;

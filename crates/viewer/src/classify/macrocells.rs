@@ -5,11 +5,10 @@
 //! the largest has an opacity together with any of the magnitudes, or no distance is small enough, no sample needs to be taken. How far a ray may leap is a distance transform: Zuiderveld, Koning and
 //! Viergever, Acceleration of ray-casting using 3D distance transforms, 1992.
 
-use glam::{BVec3, IVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
 use super::OpacityTable;
-use crate::frame::{Frame, Ray};
+use crate::frame::Frame;
 use crate::volume::VolumeTexels;
 
 /// Cells along a side of a macrocell.
@@ -17,9 +16,6 @@ pub const MACROCELL: u32 = 4;
 
 /// Distances beyond this many macrocells are not told apart: longer leaps are rare.
 pub const FARTHEST: u8 = 16;
-
-/// How far off rounding can put a sample, as a share of the lengths that it is worked out from: a few units in the last place.
-const ROUNDING: f32 = 4e-6;
 
 /// What the voxels of every macrocell hold, whatever is drawn of them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -137,6 +133,12 @@ impl Occupancy {
         Self { dims: volume.dims, distances: drawn.distances() }
     }
 
+    /// Macrocells along x, y, z.
+    #[must_use]
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
     /// The distance of every macrocell, x fastest.
     #[must_use]
     pub fn distances(&self) -> &[u8] {
@@ -156,48 +158,6 @@ impl Occupancy {
             }
         }
         blocks
-    }
-
-    /// The distance of the macrocell that a cell lies in.
-    #[must_use]
-    pub fn distance(&self, cell: UVec3) -> u8 {
-        let [x, y, z] = (cell / MACROCELL).as_usizevec3().to_array();
-        self.distances[(z * self.dims[1] + y) * self.dims[0] + x]
-    }
-}
-
-/// A ray that knows where it leaves macrocells.
-pub struct LeapingRay {
-    origin: Vec3,
-    inverse: Vec3,
-    is_forward: BVec3,
-    spacing: Vec3,
-    slack: Vec3,
-}
-
-impl LeapingRay {
-    /// Makes ready to leap along a ray.
-    #[must_use]
-    pub fn new(frame: &Frame, ray: &Ray) -> Self {
-        let is_forward = ray.direction.cmpge(Vec3::ZERO);
-        let slack = ROUNDING * (ray.origin.abs().max_element() + (frame.box_high - frame.box_low).length());
-        Self {
-            origin: ray.origin,
-            inverse: Frame::inverse_direction(ray),
-            is_forward,
-            spacing: frame.spacing,
-            slack: Vec3::select(is_forward, Vec3::splat(-slack), Vec3::splat(slack)),
-        }
-    }
-
-    /// A parameter, in multiples of `L_min`, up to which every sample lies in a macrocell closer than `distance` to that of `cell`, rounding included.
-    #[must_use]
-    pub fn leaves(&self, cell: UVec3, distance: u8) -> f32 {
-        let (macrocell, distance) = ((cell / MACROCELL).as_ivec3(), i32::from(distance));
-        let corner = IVec3::select(self.is_forward, macrocell + distance, macrocell + 1 - distance);
-        let plane = (corner * MACROCELL as i32).as_vec3() * self.spacing + self.slack;
-        let [x, y, z] = ((plane - self.origin) * self.inverse).to_array();
-        x.min(y).min(z)
     }
 }
 

@@ -118,6 +118,18 @@ impl ValueTable {
         low <= high && self.ends[first..=last].iter().any(|end| end.w > 0.0)
     }
 
+    /// Colours and opacities for a path of `L_min` at the parts' ends, and the last once more.
+    #[must_use]
+    pub fn ends(&self) -> &[Vec4] {
+        &self.ends
+    }
+
+    /// Integrals over parts of τ times colour, and of τ, up to the same places.
+    #[must_use]
+    pub fn integrals(&self) -> &[Vec4] {
+        &self.integrals
+    }
+
     /// Colours and opacities at the parts' ends, then the integrals there: what shaders read.
     #[must_use]
     pub fn rows(&self) -> Vec<Vec4> {

@@ -1,48 +1,52 @@
 //! The CPU ray marcher: the oracle of the GPU one, and what draws where there is no GPU.
 //!
 //! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
-//! `shading.wgsl`, and the loop below is `compositing.wgsl`. Pictures of the two differ by rounding alone.
+//! `shading.wgsl`, and [`tile`] is `compositing.wgsl`. Pictures of the two differ by rounding alone. What a shader does for
+//! one sample is done for sixteen here, in the lanes of vectors: samples of a tile's rays wait until there are many.
 
-pub mod cell;
+mod active_cells;
+mod batch;
+mod by_role;
+mod by_value;
 mod corners;
+mod gathers;
 mod lanes;
+#[cfg(test)]
+pub(crate) mod naive;
 mod occlusion;
+mod rays;
 pub mod roles;
 pub mod sampling;
 pub mod shading;
-mod value;
+mod steps;
+mod tile;
 
 use std::sync::Arc;
 
-use fearless_simd::{Simd, dispatch};
-use glam::{Vec3, Vec4};
+use fearless_simd::{Simd, dispatch, f32x16};
+use glam::Vec3;
 use rayon::prelude::*;
 use voxrole_preprocess::simd;
 
-use crate::cells::CellRay;
-use crate::classify::macrocells::LeapingRay;
-use crate::classify::{LookupTables, MacrocellRanges, MacrocellSamples, correct_opacity};
-use crate::frame::{Frame, Interval, Ray};
+use crate::classify::lookup_tables::Changes;
+use crate::classify::{LookupTables, MacrocellRanges, MacrocellSamples};
+use crate::frame::Frame;
 use crate::scene::lines::lines;
 use crate::scene::rasterizer::rasterize;
 use crate::scene::{OpaquePixel, Surfaces};
-use crate::slicing::{Sample, Samples};
 use crate::state::{Camera, Classification, ViewState};
 use crate::volume::{VolumeDescription, VolumeTexels};
 use crate::{Error, LightPicture, Picture, PixelLight, Result, Watch};
 
-use cell::Cell;
-use occlusion::Darkening;
+use active_cells::ActiveCells;
+use by_value::ByValue;
+use lanes::{splat, splat_vector};
 use roles::Roles;
 use sampling::{RoleSample, Sampler};
-use shading::Lighting;
-use value::{ByValue, ValueSampler};
+use tile::{TILE, Tiles};
 
 /// Most pixels along a side of a picture: what GPUs take too.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
-
-/// Pixels along a side of a tile.
-const TILE: usize = 16;
 
 /// What lies this close behind a plane that cuts, in multiples of `L_min`, is lit as the plane is.
 pub(crate) const FACE_DEPTH: f32 = 0.5;
@@ -53,14 +57,16 @@ pub struct RayMarcher<'a> {
     state: ViewState,
     tables: LookupTables,
     roles: Roles,
+    /// Of the roles, as far as pictures since they last changed have come by.
+    active: ActiveCells,
     frame: Frame,
     surfaces: Arc<Surfaces>,
 }
 
-/// How many samples a picture took.
+/// How many samples a picture took. Where rays go from cell to cell, a cell is one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SampleCounts {
-    /// Places at which the volume was sampled.
+    /// Places at which the volume was sampled; on the CPU some of them behind where their ray turned out to end.
     pub taken: u64,
     /// Places along all rays: what a picture takes whose rays neither leap nor end early.
     pub all: u64,
@@ -102,9 +108,10 @@ impl<'a> RayMarcher<'a> {
     ) -> Result<Self> {
         check_size(image_size)?;
         let mut tables = LookupTables::new(&volume.description, MacrocellRanges::new(volume));
-        let frame = update(&mut tables, volume, state, image_size);
+        let (frame, _) = update(&mut tables, volume, state, image_size);
         let roles = Roles::new(tables.opacity(), &state.transfer_function);
-        Ok(Self { volume, state: state.clone(), tables, roles, frame, surfaces })
+        let active = ActiveCells::new(tables.macrocells());
+        Ok(Self { volume, state: state.clone(), tables, roles, active, frame, surfaces })
     }
 
     /// Draws another state from now on, with the surfaces of its scene, in `image_size` pixels; what is the same is not made
@@ -114,7 +121,9 @@ impl<'a> RayMarcher<'a> {
     /// [`Error::PictureSize`] as [`Self::new`].
     pub fn look_at(&mut self, state: &ViewState, image_size: [u32; 2], surfaces: Arc<Surfaces>) -> Result<()> {
         check_size(image_size)?;
-        self.frame = update(&mut self.tables, self.volume, state, image_size);
+        let changes;
+        (self.frame, changes) = update(&mut self.tables, self.volume, state, image_size);
+        self.forget_cells(changes);
         if self.state.transfer_function != state.transfer_function {
             self.roles = Roles::new(self.tables.opacity(), &state.transfer_function);
         }
@@ -126,7 +135,16 @@ impl<'a> RayMarcher<'a> {
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        (self.frame, _) = self.tables.update(&self.state, self.frame.image_size);
+        let changes;
+        (self.frame, changes) = self.tables.update(&self.state, self.frame.image_size);
+        self.forget_cells(changes);
+    }
+
+    /// Cells show something by the same that macrocells are occupied by.
+    fn forget_cells(&mut self, changes: Changes) {
+        if changes.occupancy {
+            self.active = ActiveCells::new(self.tables.macrocells());
+        }
     }
 
     /// What camera, settings and volume come to.
@@ -174,7 +192,7 @@ impl<'a> RayMarcher<'a> {
         let opaque = self.opaque();
         let bands = pixels.par_chunks_mut(TILE * width as usize).enumerate().map(|(band, pixels)| {
             let opaque = opaque.get(band * TILE * width as usize..).unwrap_or_default();
-            dispatch!(simd::level(), simd => march_band(simd, self, (band * TILE) as u32, pixels, opaque, watch))
+            dispatch!(simd::level(), simd => march_band(simd, self, band * TILE, pixels, opaque, watch))
         });
         let counts = bands.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
@@ -200,11 +218,13 @@ impl<'a> RayMarcher<'a> {
     #[must_use]
     pub fn sample_at(&self, index: Vec3) -> RoleSample {
         let sampler = self.sampler();
-        let place = sampler.place(index * self.frame.spacing);
+        let position = index * self.frame.spacing;
         dispatch!(simd::level(), simd => {
-            let (mut cell, (base, fraction)) = (Cell::none(simd), place);
-            let is_active = cell.enter(simd, &sampler, base, Vec3::ZERO);
-            if is_active { cell.sample(simd, &sampler, [fraction], 0.0)[0] } else { RoleSample::default() }
+            let [cells, fractions] = sampler.cells(simd, &splat_vector(simd, position));
+            let places = sampler.places(&cells, fractions);
+            let found = by_role::sample(simd, &sampler, &places, &[splat(simd, 0.0); 3], None);
+            let vector = |lanes: [f32x16<_>; 3]| Vec3::from_array(lanes.map(|axis| axis[0]));
+            RoleSample { opacity: found.opacity[0], color: vector(found.color), normal: vector(found.normal) }
         })
     }
 
@@ -221,162 +241,6 @@ impl<'a> RayMarcher<'a> {
     fn sampler(&self) -> Sampler<'_> {
         Sampler::new(self.volume, &self.roles, &self.frame)
     }
-
-    /// Light along a ray, front to back, with samples at equal distances, the first one so far into the first step; the ray
-    /// ends at what is opaque.
-    #[inline(always)]
-    fn march_steps<S: Simd>(
-        &self,
-        simd: S,
-        ray: &Ray,
-        first: f32,
-        opaque: &OpaquePixel,
-        counts: &mut SampleCounts,
-    ) -> PixelLight {
-        let frame = &self.frame;
-        let sampler = self.sampler();
-        let occupancy = self.tables.occupancy();
-        let mut by_value = self.by_value().map(|by_value| ValueSampler::new(simd, by_value));
-        let mut cell = Cell::none(simd);
-        let leaping = LeapingRay::new(frame, ray);
-        let interval @ Interval { cut, .. } = frame.interval(ray);
-        let samples = Samples::new(frame, ray, &interval, first, opaque.along);
-        counts.all += samples.count();
-        let mut light = RayLight::new(self, ray, cut);
-        let mut count = 0.0;
-        while let Some(sample) = samples.at(count) {
-            if light.is_opaque() {
-                break;
-            }
-            let place = sampler.place(ray.origin + sample.along * ray.direction);
-            let empty = occupancy.map_or(0, |occupancy| occupancy.distance(place.0));
-            if empty > 0 {
-                // To the first sample beyond all that is known to be empty.
-                count = samples.beyond(leaping.leaves(place.0, empty), count);
-                continue;
-            }
-            counts.taken += 1;
-            let role = match &mut by_value {
-                Some(by_value) => by_value.sample(simd, &sampler, place, ray, samples.ends(count, &sample)),
-                None if !cell.enter(simd, &sampler, place.0, ray.direction) => RoleSample::default(),
-                None => cell.sample(simd, &sampler, [place.1], sample.half_step)[0],
-            };
-            if role.opacity > 0.0 {
-                // A face that was cut is lit as such, to a depth that does not depend on the step.
-                let face = if cut == Vec3::ZERO { 0.0 } else { samples.share_of_face(count, &sample) };
-                light.add(&role, &sample, face);
-            }
-            // Not a running sum, whose rounding errors would add up.
-            count += 1.0;
-        }
-        light.before(opaque)
-    }
-
-    /// Light along a ray, front to back, from cell to cell: what lies in each is cut into equal pieces, so that the voxels
-    /// that decide are the same along all of a piece, and nothing of the ray is left out.
-    #[inline(always)]
-    fn march_cells<S: Simd>(&self, simd: S, ray: &Ray, opaque: &OpaquePixel, counts: &mut SampleCounts) -> PixelLight {
-        let frame = &self.frame;
-        let sampler = self.sampler();
-        let occupancy = self.tables.occupancy();
-        let mut cell = Cell::none(simd);
-        let interval @ Interval { entry, exit, cut } = frame.interval(ray);
-        let mut exit = exit.min(opaque.along);
-        // Slices together stand for all of a ray that meets any.
-        if frame.slicing.is_some() && Samples::new(frame, ray, &interval, 0.5, opaque.along).count() == 0 {
-            exit = entry;
-        }
-        let cells = CellRay::new(frame, ray);
-        counts.all += cells.count([entry, exit]);
-        let mut light = RayLight::new(self, ray, cut);
-        let (mut along, mut place) = (entry, cells.cell(entry));
-        while along < exit && !light.is_opaque() {
-            let base = place.as_uvec3();
-            let empty = occupancy.map_or(0, |occupancy| occupancy.distance(base));
-            if empty > 0 {
-                along = cells.leaves(place, empty);
-                place = cells.cell(along);
-                continue;
-            }
-            counts.taken += 1;
-            let exits = cells.exits(place);
-            let end = exits.min_element().min(exit);
-            if cell.enter(simd, &sampler, base, ray.direction) {
-                let count = ((end - along) / (2.0 * frame.half_step)).ceil();
-                let step = (end - along) / count;
-                let middle = |piece: f32| along + (piece + 0.5) * step;
-                let fraction = |piece| cells.fraction(place, middle(piece));
-                let mut piece = 0.0;
-                while piece < count && !light.is_opaque() {
-                    let mut roles = [RoleSample::default(); 2];
-                    if piece + 1.0 < count {
-                        roles = cell.sample(simd, &sampler, [fraction(piece), fraction(piece + 1.0)], 0.5 * step);
-                    } else {
-                        [roles[0]] = cell.sample(simd, &sampler, [fraction(piece)], 0.5 * step);
-                    }
-                    for role in &roles {
-                        if role.opacity > 0.0 && !light.is_opaque() {
-                            let sample = Sample { along: middle(piece), step, half_step: 0.5 * step };
-                            light.add(role, &sample, if cut == Vec3::ZERO { 0.0 } else { sample.share_of_face(entry) });
-                        }
-                        piece += 1.0;
-                    }
-                }
-            }
-            (along, place) = (end, cells.next(place, exits));
-        }
-        light.before(opaque)
-    }
-}
-
-/// What a ray has gathered.
-struct RayLight<'a> {
-    frame: &'a Frame,
-    lighting: Lighting,
-    darkening: Option<Darkening<'a>>,
-    /// Normal of the plane that the ray entered through, 0 where that does not cut.
-    cut: Vec3,
-    sum: Vec4,
-    depth: f32,
-}
-
-impl<'a> RayLight<'a> {
-    #[inline(always)]
-    fn new(marcher: &'a RayMarcher<'_>, ray: &Ray, cut: Vec3) -> Self {
-        let frame = &marcher.frame;
-        let lighting = Lighting::new(-ray.direction, frame.light, &frame.shading);
-        let darkening = marcher.tables.occlusion().map(|occlusion| Darkening::new(occlusion, frame, ray));
-        Self { frame, lighting, darkening, cut, sum: Vec4::ZERO, depth: f32::NAN }
-    }
-
-    /// Whether nothing behind would be seen.
-    #[inline(always)]
-    fn is_opaque(&self) -> bool {
-        self.sum.w > self.frame.termination_opacity
-    }
-
-    /// Adds a sample, of which a share lies on the face of a cut.
-    #[inline(always)]
-    fn add(&mut self, role: &RoleSample, sample: &Sample, face: f32) {
-        let opacity = correct_opacity(role.opacity, sample.step);
-        let own = self.darkening.as_ref().map_or(role.color, |darkening| darkening.light_at(sample.along) * role.color);
-        let color = self.lighting.shade(own, role.normal);
-        let color = if face > 0.0 { color.lerp(self.lighting.shade(own, self.cut), face) } else { color };
-        self.sum += (1.0 - self.sum.w) * opacity * color.extend(1.0);
-        if self.depth.is_nan() && self.sum.w >= 0.5 {
-            self.depth = sample.along;
-        }
-    }
-
-    /// All of it, with what is opaque behind.
-    #[inline(always)]
-    fn before(mut self, opaque: &OpaquePixel) -> PixelLight {
-        if opaque.is_some() {
-            self.sum += (1.0 - self.sum.w) * opaque.color.extend(1.0);
-            self.depth = if self.depth.is_nan() { opaque.along } else { self.depth };
-        }
-        PixelLight { light: self.sum, depth: self.depth }
-    }
 }
 
 fn check_size([width, height]: [u32; 2]) -> Result<()> {
@@ -385,45 +249,38 @@ fn check_size([width, height]: [u32; 2]) -> Result<()> {
 }
 
 /// Brings the tables of a volume up to date with a state.
-fn update(tables: &mut LookupTables, volume: &VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Frame {
+fn update(
+    tables: &mut LookupTables,
+    volume: &VolumeTexels,
+    state: &ViewState,
+    image_size: [u32; 2],
+) -> (Frame, Changes) {
     if state.render_settings.shading.occlusion <= 0.0 {
         tables.drop_samples();
     } else if !tables.has_samples() {
         tables.set_samples(MacrocellSamples::new(volume));
     }
-    tables.update(state, image_size).0
+    tables.update(state, image_size)
 }
 
-/// Rows of pixels, tile by tile: rays beside each other read the same voxels.
+/// Rows of pixels, of a tile's height.
 #[inline(always)]
 fn march_band<S: Simd>(
     simd: S,
     marcher: &RayMarcher<'_>,
-    first_row: u32,
+    first_row: usize,
     pixels: &mut [PixelLight],
     opaque: &[OpaquePixel],
     watch: &Watch,
 ) -> SampleCounts {
-    let frame = &marcher.frame;
-    let width = frame.image_size[0] as usize;
+    let width = marcher.frame.image_size[0] as usize;
     let mut counts = SampleCounts::default();
+    let mut tiles = Tiles::new(marcher);
     for first in (0..width).step_by(TILE) {
         if watch.is_given_up() {
             return counts;
         }
-        for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
-            let y = first_row + row as u32;
-            for (x, pixel) in pixels.iter_mut().enumerate().skip(first).take(TILE) {
-                let ray = frame.ray(x as u32, y);
-                let opaque = opaque.get(row * width + x).unwrap_or(&OpaquePixel::NONE);
-                *pixel = if frame.goes_by_cells {
-                    marcher.march_cells(simd, &ray, opaque, &mut counts)
-                } else {
-                    let first = frame.first_sample(x as u32, y);
-                    marcher.march_steps(simd, &ray, first, opaque, &mut counts)
-                };
-            }
-        }
+        counts = counts.plus(tiles.draw(simd, [first, first_row], pixels, opaque));
     }
     watch.add_rows((pixels.len() / width) as u32);
     counts

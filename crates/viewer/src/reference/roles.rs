@@ -5,26 +5,32 @@
 
 use std::collections::HashMap;
 
-use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, f32x8, i32x8, u32x8};
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, f32x16, i32x16, u32x16};
 
-use super::lanes::columns;
+use super::gathers::{columns, numbers, pairs};
+use super::lanes::splat;
 use crate::classify::emphasis_table::{INTERVALS, ROW};
 use crate::classify::opacity::VALUE_BINS;
 use crate::classify::preintegration::{CELLS_OF_SIDE, STRETCHES};
 use crate::classify::{EmphasisTable, OpacityTable, PreintegrationCells};
 use crate::state::TransferFunction;
 
-/// A transfer function, ready to be looked up for whole cells.
+/// A transfer function, ready to be looked up for sixteen places at once.
 pub struct Roles {
-    /// The row of every gradient magnitude.
-    rows: Vec<Row>,
+    /// For every bin of gradient magnitude, and last for none: the number of its row of bins, below that of the run of rows
+    /// alike which it lies in.
+    runs: Vec<u32>,
+    /// The first and, above it, the last bin of value with an opacity there; the first behind the last for none.
+    lit: Vec<u32>,
     /// For every bin of value which of the roles it has, row after row: first one in which there is nothing, then those of
     /// gradient magnitudes, of which neighbours often share one.
     bins: Vec<u32>,
-    /// Every colour, αu and αd that bins have, as two rows each: red, green, blue, αu (as stored) with the number of αd
-    /// above it; where its level of the table of integrals begins, how far above that it lies, and the intervals per
-    /// `L_min` of αd on either side. The first is that of nothing. Whole numbers are there by their bits.
+    /// Every colour, αu and αd that bins have, by their bits: red and green, blue and αu, as stored; where its level of the
+    /// table of integrals begins; how far above that it lies, as a share of 65535, and the number of αd. The first is that of
+    /// nothing.
     roles: Vec<[f32; 4]>,
+    /// Intervals per `L_min` of every αd, on the high-value side and on the other.
+    scales: Vec<f32>,
     emphases: EmphasisTable,
     cells: PreintegrationCells,
 }
@@ -34,9 +40,18 @@ impl Roles {
     #[must_use]
     pub fn new(table: &OpacityTable, transfer_function: &TransferFunction) -> Self {
         let emphases = EmphasisTable::new(transfer_function);
-        let ((rows, bins, roles), cells) =
-            rayon::join(|| roles_of(table, &emphases), || PreintegrationCells::new(&emphases));
-        Self { rows, bins, roles, cells, emphases }
+        let ((rows, bins, roles), cells) = rayon::join(|| roles_of(table), || PreintegrationCells::new(&emphases));
+        let mut runs = Vec::with_capacity(rows.len() + 1);
+        let mut run = 0;
+        for (bin, row) in rows.iter().enumerate() {
+            run += u32::from(bin > 0 && rows[bin - 1].number != row.number);
+            runs.push(run << 16 | row.number);
+        }
+        runs.push((run + 1) << 16);
+        let mut lit: Vec<u32> = rows.iter().map(|row| u32::from(row.lit[0]) | u32::from(row.lit[1]) << 16).collect();
+        lit.push(u32::from(u16::MAX));
+        let scales = (0..emphases.rows()).map(|row| emphases.scale(row)).collect();
+        Self { runs, lit, bins, roles, scales, emphases, cells }
     }
 
     /// αd by distance.
@@ -52,109 +67,110 @@ impl Roles {
         self.emphases.largest_d_c()
     }
 
-    /// The row of a bin of gradient magnitude.
+    /// The runs of bins of gradient magnitude, of which [`GRADIENT_BINS`](crate::classify::opacity::GRADIENT_BINS) is that of none.
     #[inline(always)]
-    pub(super) fn row(&self, gradient_bin: u32) -> Row {
-        self.rows[gradient_bin as usize]
+    pub(super) fn runs<S: Simd>(&self, simd: S, gradient_bins: u32x16<S>) -> u32x16<S> {
+        numbers(simd, &self.runs, gradient_bins)
+    }
+
+    /// The first bins of value, and above them the last ones, with an opacity in bins of gradient magnitude as in [`Self::runs`].
+    #[inline(always)]
+    pub(super) fn lit<S: Simd>(&self, simd: S, gradient_bins: u32x16<S>) -> u32x16<S> {
+        numbers(simd, &self.lit, gradient_bins)
+    }
+
+    /// The numbers of the roles that bins of value have in runs; 0 where nothing is drawn.
+    #[inline(always)]
+    pub(super) fn numbers<S: Simd>(&self, simd: S, runs: u32x16<S>, value_bins: u32x16<S>) -> u32x16<S> {
+        numbers(simd, &self.bins, (runs & 0xffff) * VALUE_BINS as u32 + value_bins)
     }
 }
 
-/// What there is for a gradient magnitude.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
-    /// The first and the last bin of value with an opacity; the first behind the last for none.
-    pub(super) lit: [u16; 2],
-    /// Where its bins begin.
-    pub(super) first: u32,
-}
-
-/// The roles that the corners of a cell have for a value.
+/// Roles side by side.
 pub(super) struct RoleLanes<S: Simd> {
-    /// The corners' numbers.
-    numbers: [u32; 8],
-    /// Red, green, blue.
-    pub(super) color: [f32x8<S>; 3],
-    /// αu and the number of αd.
-    packed: u32x8<S>,
-    cells: u32x8<S>,
-    level: f32x8<S>,
+    /// Red and green, blue and αu.
+    shares: [u32x16<S>; 2],
+    /// Where the level below αu begins.
+    cells: u32x16<S>,
+    /// How far above it αu lies, and the number of αd.
+    packed: u32x16<S>,
     /// On the high-value side, and on the other.
-    scales: [f32x8<S>; 2],
+    scales: [f32x16<S>; 2],
 }
 
 impl<S: Simd> RoleLanes<S> {
-    /// Those of nothing.
+    /// Those with these numbers.
     #[inline(always)]
-    pub(super) fn none(simd: S) -> Self {
-        let (zero, no_bits) = (f32x8::splat(simd, 0.0), u32x8::splat(simd, 0));
-        Self { numbers: [0; 8], color: [zero; 3], packed: no_bits, cells: no_bits, level: zero, scales: [zero; 2] }
+    pub(super) fn look_up(simd: S, roles: &Roles, numbers: u32x16<S>) -> Self {
+        let [first, second, cells, packed] = columns(simd, &roles.roles, numbers);
+        let packed = packed.to_bits();
+        let scales = match roles.scales[..] {
+            // One for all, as mostly.
+            [high, low] => [splat(simd, high), splat(simd, low)],
+            _ => pairs(simd, &roles.scales, (packed >> 16) << 1),
+        };
+        Self { shares: [first.to_bits(), second.to_bits()], cells: cells.to_bits(), packed, scales }
     }
 
-    /// The roles of a bin of value, in the rows that begin with `bins`; whether any of them has an opacity.
+    /// Red, green, blue.
     #[inline(always)]
-    pub(super) fn look_up(&mut self, simd: S, roles: &Roles, bins: &[u32; 8], value_bin: usize) -> bool {
-        let mut numbers = [0; 8];
-        let mut any = 0;
-        for lane in 0..8 {
-            numbers[lane] = roles.bins[bins[lane] as usize + value_bin];
-            any |= numbers[lane];
-        }
-        // Most samples have the roles of the one before.
-        if numbers != self.numbers {
-            self.numbers = numbers;
-            let numbers = u32x8::from_slice(simd, &numbers) << 1;
-            let [red, green, blue, packed] = columns(simd, &roles.roles, &numbers.into());
-            let [cells, level, high, low] = columns(simd, &roles.roles, &(numbers + 1).into());
-            self.color = [red, green, blue];
-            (self.packed, self.cells) = (packed.to_bits(), cells.to_bits());
-            (self.level, self.scales) = (level, [high, low]);
-        }
-        any != 0
+    pub(super) fn color(&self) -> [f32x16<S>; 3] {
+        [share(self.shares[0] & 0xffff), share(self.shares[0] >> 16), share(self.shares[1] & 0xffff)]
     }
 
     /// The opacity for a path of `L_min` at a signed distance from the boundary.
     #[inline(always)]
-    pub(super) fn opacity(&self, simd: S, roles: &Roles, distance: f32x8<S>) -> f32x8<S> {
+    pub(super) fn opacity(&self, simd: S, roles: &Roles, distance: f32x16<S>) -> f32x16<S> {
         let is_low = distance.simd_lt(0.0);
         let [high, low] = self.scales;
-        let place = (distance.abs() * is_low.select(low, high)).min(f32x8::splat(simd, INTERVALS as f32));
-        let interval = place.to_int::<u32x8<S>>();
-        let side = is_low.select(u32x8::splat(simd, 1), u32x8::splat(simd, 0));
-        let first: [u32; 8] = (((self.packed >> 16) * 2 + side) * ROW as u32 + interval + 1).into();
-        let [mut start, mut end] = [[0.0; 8]; 2];
-        for lane in 0..8 {
-            [start[lane], end[lane]] = roles.emphases.pair(first[lane] as usize);
-        }
-        let (start, end) = (f32x8::from_slice(simd, &start), f32x8::from_slice(simd, &end));
-        let by_role = (self.packed & 0xffff).to_float::<f32x8<S>>() / 65535.0;
-        by_role * (start + (place - interval.to_float::<f32x8<S>>()) * (end - start))
+        let place = (distance.abs() * is_low.select(low, high)).min(splat(simd, INTERVALS as f32));
+        // No larger than a table has numbers: the shorter conversion.
+        let interval = place.to_int::<i32x16<S>>();
+        let side = is_low.select(u32x16::splat(simd, ROW as u32 + 1), u32x16::splat(simd, 1));
+        let first = (self.packed >> 16) * (2 * ROW as u32) + side + interval.bitcast::<u32x16<S>>();
+        let [start, end] = pairs(simd, roles.emphases.numbers(), first);
+        share(self.shares[1] >> 16) * (start + (place - interval.to_float::<f32x16<S>>()) * (end - start))
     }
 
     /// The integral of the optical depth from 0 to a signed distance, out of [`PreintegrationCells::cells`].
     #[inline(always)]
-    pub(super) fn integral(&self, simd: S, roles: &Roles, distance: f32x8<S>) -> f32x8<S> {
+    pub(super) fn integral(&self, simd: S, roles: &Roles, distance: f32x16<S>) -> f32x16<S> {
         let is_low = distance.simd_lt(0.0);
         let [high, low] = self.scales;
         let scale = is_low.select(low, high) * (STRETCHES as f32 / INTERVALS as f32);
-        let place = (distance.abs() * scale).min(f32x8::splat(simd, STRETCHES as f32));
-        // No larger than a table has cells: the shorter conversion.
-        let stretch = place.to_int::<i32x8<S>>();
-        let side = is_low.select(u32x8::splat(simd, CELLS_OF_SIDE as u32), u32x8::splat(simd, 0));
-        let cells = (self.cells + stretch.bitcast::<u32x8<S>>() + side).into();
-        let [low_start, low_end, high_start, high_end] = columns(simd, roles.cells.cells(), &cells);
-        let along = place - stretch.to_float::<f32x8<S>>();
+        let place = (distance.abs() * scale).min(splat(simd, STRETCHES as f32));
+        let stretch = place.to_int::<i32x16<S>>();
+        let side = is_low.select(u32x16::splat(simd, CELLS_OF_SIDE as u32), u32x16::splat(simd, 0));
+        let cells = self.cells + stretch.bitcast::<u32x16<S>>() + side;
+        let [low_start, low_end, high_start, high_end] = columns(simd, roles.cells.cells(), cells);
+        let along = place - stretch.to_float::<f32x16<S>>();
         let (below, above) = (low_start + along * (low_end - low_start), high_start + along * (high_end - high_start));
-        (below + self.level * (above - below)).copysign(distance)
+        (below + share(self.packed & 0xffff) * (above - below)).copysign(distance)
     }
 }
 
+/// Shares of 65535.
+#[inline(always)]
+fn share<S: Simd>(stored: u32x16<S>) -> f32x16<S> {
+    stored.to_float::<f32x16<S>>() * (1.0 / 65535.0)
+}
+
+/// What there is for a gradient magnitude.
+#[derive(Clone, Copy)]
+struct Row {
+    /// The first and the last bin of value with an opacity; the first behind the last for none.
+    lit: [u16; 2],
+    /// Of its bins among the rows of bins.
+    number: u32,
+}
+
 /// The rows of a table's gradient magnitudes, which role every bin of them has, and those roles.
-fn roles_of(table: &OpacityTable, emphases: &EmphasisTable) -> (Vec<Row>, Vec<u32>, Vec<[f32; 4]>) {
-    let mut roles = role([0; 4], 0, emphases).to_vec();
+fn roles_of(table: &OpacityTable) -> (Vec<Row>, Vec<u32>, Vec<[f32; 4]>) {
+    let mut roles = vec![role([0; 4], 0)];
     let mut bins = vec![0; VALUE_BINS];
     let mut known = HashMap::new();
     let entries = table.entries().chunks_exact(VALUE_BINS).zip(table.emphases().chunks_exact(VALUE_BINS));
-    let mut before = (([].as_slice(), [].as_slice()), Row { lit: [u16::MAX, 0], first: 0 });
+    let mut before = (([].as_slice(), [].as_slice()), Row { lit: [u16::MAX, 0], number: 0 });
     let rows = entries.map(|of_row @ (entries, row_emphases)| {
         // Within a region most rows are as the one before.
         if of_row == before.0 {
@@ -162,17 +178,17 @@ fn roles_of(table: &OpacityTable, emphases: &EmphasisTable) -> (Vec<Row>, Vec<u3
         }
         let is_lit = |entry: &[u16; 4]| entry[3] > 0;
         let ends = entries.iter().position(is_lit).zip(entries.iter().rposition(is_lit));
-        let mut row = Row { lit: [u16::MAX, 0], first: 0 };
+        let mut row = Row { lit: [u16::MAX, 0], number: 0 };
         if let Some((first, last)) = ends {
-            row = Row { lit: [first as u16, last as u16], first: bins.len() as u32 };
+            row = Row { lit: [first as u16, last as u16], number: (bins.len() / VALUE_BINS) as u32 };
             let (mut same, mut number) = (([0; 4], 0), 0);
             bins.extend(entries.iter().zip(row_emphases).map(|(&entry, &emphasis)| {
                 // Most bins are as the one before.
                 if entry[3] > 0 && (entry, emphasis) != same {
                     same = (entry, emphasis);
                     number = *known.entry(same).or_insert_with(|| {
-                        roles.extend(role(entry, emphasis, emphases));
-                        roles.len() as u32 / 2 - 1
+                        roles.push(role(entry, emphasis));
+                        roles.len() as u32 - 1
                     });
                 }
                 if entry[3] > 0 { number } else { 0 }
@@ -185,20 +201,19 @@ fn roles_of(table: &OpacityTable, emphases: &EmphasisTable) -> (Vec<Row>, Vec<u3
     (rows, bins, roles)
 }
 
-fn role([red, green, blue, opacity]: [u16; 4], emphasis: u16, emphases: &EmphasisTable) -> [[f32; 4]; 2] {
-    let share = |share: u16| f32::from(share) / 65535.0;
-    let (cells, level) = PreintegrationCells::level(emphasis.into(), share(opacity));
-    let packed = f32::from_bits(u32::from(opacity) | u32::from(emphasis) << 16);
-    let [high, low] = [0, 1].map(|side| emphases.scale(2 * usize::from(emphasis) + side));
-    [[share(red), share(green), share(blue), packed], [f32::from_bits(cells), level, high, low]]
+fn role([red, green, blue, opacity]: [u16; 4], emphasis: u16) -> [f32; 4] {
+    let (cells, above) = PreintegrationCells::level(emphasis.into(), f32::from(opacity) / 65535.0);
+    let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+    [pair(red, green), pair(blue, opacity), cells, pair((above * 65535.0).round() as u16, emphasis)].map(f32::from_bits)
 }
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::dispatch;
+    use fearless_simd::{SimdMask, dispatch};
     use voxrole_pack::{HitGradientQuantization, Precision};
     use voxrole_preprocess::simd;
 
+    use super::super::lanes::LANES;
     use super::*;
     use crate::classify::opacity_by_distance;
     use crate::classify::preintegration::SHORTEST;
@@ -227,10 +242,12 @@ mod tests {
 
     /// Optical depth for each `L_min` of a stretch, and the opacity in its middle.
     fn look_up(roles: &Roles, distance: f32, half: f32) -> [f32; 2] {
-        let [begin, end, opacity]: [[f32; 8]; 3] = dispatch!(simd::level(), simd => {
-            let mut lanes = RoleLanes::none(simd);
-            assert!(lanes.look_up(simd, roles, &[roles.row(200).first; 8], 300));
-            let place = |distance| f32x8::splat(simd, distance);
+        let [begin, end, opacity]: [[f32; LANES]; 3] = dispatch!(simd::level(), simd => {
+            let bins = |bin| u32x16::splat(simd, bin);
+            let numbers = roles.numbers(simd, roles.runs(simd, bins(200)), bins(300));
+            assert!(numbers.simd_gt(0).all_true());
+            let lanes = RoleLanes::look_up(simd, roles, numbers);
+            let place = |distance| splat(simd, distance);
             let integral = |distance| lanes.integral(simd, roles, place(distance)).into();
             [integral(distance - half), integral(distance + half), lanes.opacity(simd, roles, place(distance)).into()]
         });

@@ -11,8 +11,15 @@
 //! through 0 and draw a phantom sheet; a voxel without a hit contributes nothing; gradient magnitudes, which are labels,
 //! are never blended; and at a true boundary all planes agree, so that d passes through 0 there.
 
-use glam::{UVec3, Vec3};
+// No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
+#![allow(clippy::needless_range_loop, reason = "see above")]
 
+use fearless_simd::{Bytes, Simd, SimdBase, SimdFloat, f32x16, i32x16, u32x16};
+use glam::Vec3;
+
+use super::corners::Places;
+use super::gathers::Firsts;
+use super::lanes::{Directions, splat};
 use super::roles::Roles;
 use crate::frame::Frame;
 use crate::volume::VolumeTexels;
@@ -28,54 +35,78 @@ pub struct RoleSample {
     pub normal: Vec3,
 }
 
+/// The same for sixteen places.
+pub(super) struct Found<S: Simd> {
+    pub(super) opacity: f32x16<S>,
+    pub(super) color: [f32x16<S>; 3],
+    pub(super) normal: Directions<S>,
+}
+
+impl<S: Simd> Found<S> {
+    /// Nothing at any.
+    #[inline(always)]
+    pub(super) fn nothing(simd: S) -> Self {
+        let zero = splat(simd, 0.0);
+        Self { opacity: zero, color: [zero; 3], normal: [zero; 3] }
+    }
+}
+
 /// Reads one volume under one frame and transfer function.
-pub struct Sampler<'a> {
+pub(super) struct Sampler<'a> {
     volume: &'a VolumeTexels,
     pub(super) roles: &'a Roles,
     pub(super) frame: &'a Frame,
-    last: UVec3,
-    inverse_spacing: Vec3,
+    /// How far behind the lowest voxel of a cell each of its rows begins, y fastest.
+    pub(super) offsets: [usize; 4],
+    /// Whether there is but one voxel along a row.
+    pub(super) is_one_wide: bool,
+    pub(super) inverse_spacing: Vec3,
 }
 
 impl<'a> Sampler<'a> {
     /// Makes ready; costs nothing.
-    #[must_use]
-    pub fn new(volume: &'a VolumeTexels, roles: &'a Roles, frame: &'a Frame) -> Self {
-        let (last, inverse_spacing) = (UVec3::from_array(frame.dims) - 1, frame.spacing.recip());
-        Self { volume, roles, frame, last, inverse_spacing }
+    pub(super) fn new(volume: &'a VolumeTexels, roles: &'a Roles, frame: &'a Frame) -> Self {
+        let [width, height, depth] = frame.dims.map(|dim| dim as usize);
+        let up = if height > 1 { width } else { 0 };
+        let back = if depth > 1 { width * height } else { 0 };
+        let offsets = [0, up, back, up + back];
+        Self { volume, roles, frame, offsets, is_one_wide: width == 1, inverse_spacing: frame.spacing.recip() }
     }
 
-    /// The cell of a place in the frame's space, by its lowest voxel, and where in it the place lies.
-    #[must_use]
     #[inline(always)]
-    pub fn place(&self, position: Vec3) -> (UVec3, Vec3) {
-        let last = self.last.as_vec3();
-        let index = (position * self.inverse_spacing).clamp(Vec3::ZERO, last);
-        let base = index.floor().min((last - 1.0).max(Vec3::ZERO));
-        (base.as_uvec3(), index - base)
+    pub(super) fn texels(&self) -> &'a [[u16; 4]] {
+        &self.volume.texels
     }
 
-    /// Where in the volume the rows of a cell's voxels begin, y fastest.
+    /// The cells of places in the frame's space, by their lowest voxels in whole numbers, and where in them the places lie.
     #[inline(always)]
-    pub(super) fn rows(&self, base: UVec3) -> [usize; 4] {
-        let [width, height, _] = self.frame.dims.map(|dim| dim as usize);
-        let [x, y, z] = base.as_usizevec3().to_array();
-        let up = usize::from(base.y < self.last.y) * width;
-        let back = usize::from(base.z < self.last.z) * width * height;
-        let first = (z * height + y) * width + x;
-        [first, first + up, first + back, first + up + back]
+    pub(super) fn cells<S: Simd>(&self, simd: S, positions: &Directions<S>) -> [Directions<S>; 2] {
+        let mut cells = [[splat(simd, 0.0); 3]; 2];
+        for axis in 0..3 {
+            let last = (self.frame.dims[axis] - 1) as f32;
+            let index = (positions[axis] * self.inverse_spacing[axis]).max(splat(simd, 0.0)).min(splat(simd, last));
+            let base = index.floor().min(splat(simd, (last - 1.0).max(0.0)));
+            (cells[0][axis], cells[1][axis]) = (base, index - base);
+        }
+        cells
     }
 
-    /// The two voxels of a row of a cell.
+    /// The same as places.
     #[inline(always)]
-    pub(super) fn pair(&self, first: usize) -> [[u16; 4]; 2] {
-        let texels = &self.volume.texels;
-        [texels[first], texels[first + usize::from(self.last.x > 0)]]
+    pub(super) fn places<S: Simd>(&self, cells: &Directions<S>, fractions: Directions<S>) -> Places<S> {
+        let [x, y, z] = [cells[0], cells[1], cells[2]];
+        Places { rows: whole(z) * self.frame.dims[1] + whole(y), columns: whole(x), fractions }
+    }
+
+    /// Where in the volume the lowest voxels of places' cells lie.
+    #[inline(always)]
+    pub(super) fn firsts<S: Simd>(&self, places: &Places<S>) -> Firsts {
+        Firsts::new(places.rows, places.columns, self.frame.dims[0] as usize)
     }
 }
 
-/// A vector's direction, or 0 where opposite normals cancel.
-pub(super) fn unit_or_zero(vector: Vec3) -> Vec3 {
-    let squared = vector.dot(vector);
-    if squared > 1e-8 { vector / squared.sqrt() } else { Vec3::ZERO }
+/// Whole numbers that are not negative, as such.
+#[inline(always)]
+pub(super) fn whole<S: Simd>(numbers: f32x16<S>) -> u32x16<S> {
+    numbers.to_int::<i32x16<S>>().bitcast()
 }

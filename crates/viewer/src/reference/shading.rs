@@ -1,7 +1,9 @@
 //! Light on a boundary: diffuse N·L plus specular (N·H)⁸, both sides alike.
 
+use fearless_simd::{Select, Simd, SimdBase, f32x16};
 use glam::Vec3;
 
+use super::lanes::{Directions, dot, splat, splat_vector, unit_or_zero};
 use crate::state::Shading;
 
 /// Light that comes from one side, and a viewer on another.
@@ -43,8 +45,38 @@ impl Lighting {
     }
 }
 
+/// As [`Lighting::shade`], for viewers in the directions against which sixteen rays go.
+#[inline(always)]
+pub(super) fn shade<S: Simd>(
+    simd: S,
+    shading: &Shading,
+    to_light: Vec3,
+    directions: &Directions<S>,
+    color: &[f32x16<S>; 3],
+    normal: &Directions<S>,
+) -> [f32x16<S>; 3] {
+    let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+    let to_light = splat_vector(simd, to_light);
+    let half = [to_light[0] - directions[0], to_light[1] - directions[1], to_light[2] - directions[2]];
+    let aligned = dot(normal, &unit_or_zero(simd, &half, 1e-12));
+    let squared = aligned * aligned;
+    let fourth = squared * squared;
+    let highlight = fourth * fourth * shading.specular;
+    let diffuse = dot(normal, &to_light).abs() * shading.diffuse + shading.ambient;
+    let has_normal = dot(normal, normal).simd_gt(0.0);
+    let mut lit = *color;
+    for channel in lit.iter_mut() {
+        *channel = has_normal.select((diffuse * *channel + highlight).max(zero).min(one), *channel);
+    }
+    lit
+}
+
 #[cfg(test)]
 mod tests {
+    use fearless_simd::dispatch;
+    use voxrole_preprocess::simd;
+
+    use super::super::lanes::LANES;
     use super::*;
 
     const SHADING: Shading = Shading { ambient: 0.1, diffuse: 0.5, specular: 0.3, occlusion: 0.0 };
@@ -78,5 +110,24 @@ mod tests {
     fn a_normal_across_the_light_leaves_the_ambient_term() {
         let lit = Lighting::new(Vec3::Z, Vec3::Z, &SHADING).shade(Vec3::ONE, Vec3::X);
         assert!((lit - Vec3::splat(0.1)).length() < 1e-6);
+    }
+
+    #[test]
+    fn sixteen_rays_are_lit_as_each_would_be() {
+        let to_light = Vec3::new(-0.36, 0.48, -0.8);
+        for (direction, normal, color) in [
+            (Vec3::new(0.6, 0.8, 0.0), Vec3::new(0.0, 0.6, 0.8), Vec3::new(0.1, 0.5, 1.0)),
+            (Vec3::Z, Vec3::ZERO, Vec3::new(0.1, 0.5, 1.0)),
+            (to_light, Vec3::X, Vec3::ONE),
+            (-to_light, -to_light, Vec3::ONE),
+        ] {
+            let expected = Lighting::new(-direction, to_light, &SHADING).shade(color, normal);
+            let found: [[f32; LANES]; 3] = dispatch!(simd::level(), simd => {
+                let [direction, color, normal] = [direction, color, normal].map(|vector| splat_vector(simd, vector));
+                shade(simd, &SHADING, to_light, &direction, &color, &normal).map(Into::into)
+            });
+            let found = Vec3::from_array(found.map(|channel| channel[7]));
+            assert!((found - expected).length() < 1e-6, "{found} is not {expected}");
+        }
     }
 }

@@ -191,7 +191,7 @@ mod tests {
     use super::*;
     use crate::ViewState;
     use crate::classify::EmphasisTable;
-    use crate::slicing::Samples;
+    use crate::reference::naive::samples::Samples;
     use crate::state::{Camera, Projection, Technique};
     use crate::volume::VolumeDescription;
 

@@ -19,12 +19,14 @@ fn is_close(found: u64, expected: u64) -> bool {
 }
 
 #[test]
-fn the_gpu_takes_the_cpu_s_samples() {
-    let Some(gpu) = gpu_or_skip("the_gpu_takes_the_cpu_s_samples") else { return };
+fn the_gpu_takes_the_cpu_s_samples_or_more() {
+    let Some(gpu) = gpu_or_skip("the_gpu_takes_the_cpu_s_samples_or_more") else { return };
     let phantom = Phantom::concentric_shells();
     let volume = Arc::new(phantom.texels());
     let mut state = phantom.state(Camera::default());
     state.render_settings.image_size = [96, 80];
+    // Else some of the CPU's samples may lie behind where their ray ends.
+    state.render_settings.termination_opacity = 1.0;
     let target = Target::new(&gpu, [96, 80]).expect("a target");
     let mut renderer = Renderer::new(&gpu, &volume, None).expect("a renderer");
     renderer.draw(&state, &target).expect("is drawn");
@@ -42,7 +44,9 @@ fn the_gpu_takes_the_cpu_s_samples() {
             let (_, expected) = marcher.draw_and_count();
             let SampleCounts { taken, all } = found;
             println!("{integration:?}, leaps {leaps}: {found:?}, on the CPU {expected:?}");
-            assert!(is_close(taken, expected.taken) && is_close(all, expected.all), "{found:?} is not {expected:?}");
+            // Where rays leap, the CPU leaves out single cells too.
+            let as_expected = if leaps { taken > expected.taken } else { is_close(taken, expected.taken) };
+            assert!(as_expected && is_close(all, expected.all), "{found:?} is not {expected:?}");
             assert!(!leaps || 10 * taken < 9 * all, "{found:?}");
             // Counting changes no picture.
             assert!(target.read_back(&gpu).expect("a picture") == draw_on_gpu(&gpu, &volume, &state));

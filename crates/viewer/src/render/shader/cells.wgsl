@@ -1,4 +1,4 @@
-// The cells that a ray goes through: the twin of cells.rs. Cells are given by their lowest voxels.
+// The cells that a ray goes through: the twin of reference/rays.rs. Cells are given by their lowest voxels.
 
 fn is_forward(ray: Ray) -> vec3<bool> {
     return ray.direction >= vec3<f32>(0.0);

@@ -29,9 +29,7 @@ pub struct CellRay {
 
 impl CellRay {
     /// Makes ready to follow a ray.
-    #[must_use]
-    #[inline(always)]
-    pub fn new(frame: &Frame, ray: &Ray) -> Self {
+        pub fn new(frame: &Frame, ray: &Ray) -> Self {
         let of_dims = |number: fn(u32) -> u32| Vec3::from_array(frame.dims.map(|dim| number(dim) as f32));
         Self {
             origin: ray.origin,
@@ -46,9 +44,7 @@ impl CellRay {
     }
 
     /// The cell at a place along the ray: the one that is entered there where that is on a plane.
-    #[must_use]
-    #[inline(always)]
-    pub fn cell(&self, along: f32) -> Vec3 {
+        pub fn cell(&self, along: f32) -> Vec3 {
         let index = (self.origin + along * self.direction) * self.inverse_spacing;
         // Rounding can be off by a cell, but not by two.
         let guess = index.floor().clamp(Vec3::ZERO, self.last);
@@ -59,9 +55,7 @@ impl CellRay {
     }
 
     /// The cell behind the nearest of a cell's exits.
-    #[must_use]
-    #[inline(always)]
-    pub fn next(&self, cell: Vec3, exits: Vec3) -> Vec3 {
+        pub fn next(&self, cell: Vec3, exits: Vec3) -> Vec3 {
         // One at a time, so that cells can be counted.
         let is_x = exits.x <= exits.y && exits.x <= exits.z;
         let is_y = !is_x && exits.y <= exits.z;
@@ -69,14 +63,11 @@ impl CellRay {
     }
 
     /// Where along the ray a cell is left through the planes across each axis.
-    #[must_use]
-    #[inline(always)]
-    pub fn exits(&self, cell: Vec3) -> Vec3 {
+        pub fn exits(&self, cell: Vec3) -> Vec3 {
         self.crossings(cell + Vec3::select(self.is_forward, Vec3::ONE, Vec3::ZERO))
     }
 
     /// Where it is entered.
-    #[inline(always)]
     fn entries(&self, cell: Vec3) -> Vec3 {
         let planes = cell + Vec3::select(self.is_forward, Vec3::ZERO, Vec3::ONE);
         let is_inside = planes.cmpgt(Vec3::ZERO) & planes.cmple(self.last);
@@ -84,9 +75,7 @@ impl CellRay {
     }
 
     /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell.
-    #[must_use]
-    #[inline(always)]
-    pub fn leaves(&self, cell: Vec3, distance: u8) -> f32 {
+        pub fn leaves(&self, cell: Vec3, distance: u8) -> f32 {
         let side = MACROCELL as f32;
         let (macrocell, distance) = ((cell * (1.0 / side)).floor(), f32::from(distance));
         let planes = Vec3::select(self.is_forward, macrocell + distance, macrocell + (1.0 - distance)) * side;
@@ -94,33 +83,27 @@ impl CellRay {
     }
 
     /// Where planes between voxels are crossed; never, where there is no cell behind.
-    #[inline(always)]
     fn crossings(&self, planes: Vec3) -> Vec3 {
         let is_inside = planes.cmpgt(Vec3::ZERO) & planes.cmple(self.last);
         Vec3::select(is_inside, self.places(planes), Vec3::INFINITY)
     }
 
-    #[inline(always)]
     fn places(&self, planes: Vec3) -> Vec3 {
         (planes * self.spacing - self.origin) * self.inverse
     }
 
     /// One cell on along each axis.
-    #[inline(always)]
     fn step(&self) -> Vec3 {
         Vec3::select(self.is_forward, Vec3::ONE, Vec3::NEG_ONE)
     }
 
     /// Where in a cell a place along the ray lies, 0 to 1 along each axis.
-    #[must_use]
-    #[inline(always)]
-    pub fn fraction(&self, cell: Vec3, along: f32) -> Vec3 {
+        pub fn fraction(&self, cell: Vec3, along: f32) -> Vec3 {
         let index = (self.origin + along * self.direction) * self.inverse_spacing;
         (index - cell).clamp(Vec3::ZERO, self.farthest)
     }
 
     /// How many cells a stretch of the ray goes through.
-    #[must_use]
     pub fn count(&self, [entry, exit]: [f32; 2]) -> u64 {
         // A ray that misses has an exit before its entry, or none at all.
         let Some(Ordering::Less) = entry.partial_cmp(&exit) else { return 0 };

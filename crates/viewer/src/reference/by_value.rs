@@ -1,0 +1,180 @@
+//! Colour and opacity by value, or as stored, at sixteen places: no boundary is asked for.
+
+// No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
+#![allow(clippy::needless_range_loop, reason = "see above")]
+
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, u32x16};
+
+use super::corners::{Corners, Places};
+use super::gathers::columns;
+use super::lanes::{Directions, exp_of_negative, splat, unit_or_zero};
+use super::sampling::{Found, Sampler};
+use crate::classify::ValueTable;
+use crate::classify::value_table::{NARROW, PARTS, SIDE};
+
+/// What decides on colour and opacity where roles do not.
+#[derive(Clone, Copy)]
+pub(super) enum ByValue<'a> {
+    /// A curve.
+    Curve(&'a ValueTable),
+    /// The voxels' own intensity and opacity.
+    Stored,
+}
+
+/// Steps along sixteen rays.
+pub(super) struct Steps<S: Simd> {
+    pub(super) origins: Directions<S>,
+    pub(super) directions: Directions<S>,
+    /// Where along the rays their middles lie.
+    pub(super) alongs: f32x16<S>,
+    /// Half of what opacity is integrated along, unless the middle counts for all of it.
+    pub(super) half_steps: Option<f32x16<S>>,
+}
+
+impl<S: Simd> Steps<S> {
+    #[inline(always)]
+    fn positions(&self, alongs: f32x16<S>) -> Directions<S> {
+        let mut positions = self.origins;
+        for axis in 0..3 {
+            positions[axis] += alongs * self.directions[axis];
+        }
+        positions
+    }
+}
+
+/// What is found along steps whose middles lie at `places`.
+#[inline(always)]
+pub(super) fn sample<S: Simd>(
+    simd: S,
+    by_value: ByValue<'_>,
+    sampler: &Sampler<'_>,
+    places: &Places<S>,
+    steps: &Steps<S>,
+) -> Found<S> {
+    let corners = Corners::read(simd, sampler, places);
+    let table = match by_value {
+        ByValue::Curve(table) => table,
+        ByValue::Stored => return stored(simd, &corners),
+    };
+    let (front, back) = if let Some(half_steps) = steps.half_steps {
+        let front = value_at(simd, sampler, &steps.positions(steps.alongs - half_steps));
+        (front, value_at(simd, sampler, &steps.positions(steps.alongs + half_steps)))
+    } else {
+        let value = corners.value(simd);
+        (value, value)
+    };
+    let [red, green, blue, opacity] = look_up(simd, table, front, back);
+    let mut found = Found { opacity, color: [red, green, blue], ..Found::nothing(simd) };
+    if opacity.simd_gt(0.0).any_true() {
+        found.normal = normal(simd, &corners);
+    }
+    found
+}
+
+#[inline(always)]
+fn value_at<S: Simd>(simd: S, sampler: &Sampler<'_>, positions: &Directions<S>) -> f32x16<S> {
+    let [cells, fractions] = sampler.cells(simd, positions);
+    Corners::read(simd, sampler, &sampler.places(&cells, fractions)).value(simd)
+}
+
+/// Intensity and opacity as they are stored.
+#[inline(always)]
+fn stored<S: Simd>(simd: S, corners: &Corners<S>) -> Found<S> {
+    let mut intensity = splat(simd, 0.0);
+    for corner in 0..8 {
+        intensity += corners.weights[corner] * corners.gradients(corner).to_float::<f32x16<S>>();
+    }
+    Found {
+        opacity: corners.value(simd) / 65535.0,
+        color: [intensity / 65535.0; 3],
+        ..Found::nothing(simd)
+    }
+}
+
+/// Direction of the mean of the normals that there are: where no boundary is near, light has nothing to fall on.
+#[inline(always)]
+fn normal<S: Simd>(simd: S, corners: &Corners<S>) -> Directions<S> {
+    let zero = splat(simd, 0.0);
+    let mut sum = [zero; 3];
+    for corner in 0..8 {
+        let weight = corners.have_hit(corner).select(corners.weights[corner], zero);
+        let own = corners.normals(simd, corner);
+        for axis in 0..3 {
+            sum[axis] += weight * own[axis];
+        }
+    }
+    unit_or_zero(simd, &sum, 1e-8)
+}
+
+/// As [`ValueTable::look_up`].
+#[inline(always)]
+fn look_up<S: Simd>(simd: S, table: &ValueTable, front: f32x16<S>, back: f32x16<S>) -> [f32x16<S>; 4] {
+    const PER_STORED: f32 = PARTS as f32 / 65535.0;
+    let (front, back) = (front * PER_STORED, back * PER_STORED);
+    let parts = back - front;
+    let is_narrow = parts.abs().simd_lt(NARROW);
+    let zero = splat(simd, 0.0);
+    let mut light = [zero; 4];
+    if is_narrow.any_true() {
+        light = between(simd, bytemuck::cast_slice(table.ends()), 0.5 * (front + back));
+    }
+    if is_narrow.all_true() {
+        return light;
+    }
+    let wide = if table.front_to_back().is_empty() {
+        let integrals = bytemuck::cast_slice(table.integrals());
+        let (before, after) = (between(simd, integrals, front), between(simd, integrals, back));
+        let depth = after[3] - before[3];
+        let per_depth = depth.simd_eq(0.0).select(zero, 1.0 / depth);
+        let mut wide = [zero; 4];
+        for channel in 0..3 {
+            wide[channel] = (after[channel] - before[channel]) * per_depth;
+        }
+        // 0 over 0 is not kept.
+        wide[3] = 1.0 - exp_of_negative(simd, -(depth / parts).max(zero));
+        wide
+    } else {
+        ordered(simd, bytemuck::cast_slice(table.front_to_back()), front, back)
+    };
+    for channel in 0..4 {
+        light[channel] = is_narrow.select(light[channel], wide[channel]);
+    }
+    light
+}
+
+/// Out of the table of two axes.
+#[inline(always)]
+fn ordered<S: Simd>(simd: S, table: &[[f32; 4]], front: f32x16<S>, back: f32x16<S>) -> [f32x16<S>; 4] {
+    const PER_PART: f32 = (SIDE - 1) as f32 / PARTS as f32;
+    let (front, back) = (front * PER_PART, back * PER_PART);
+    let most = i32x16::splat(simd, SIDE as i32 - 2);
+    let [row, lower] = [front.to_int::<i32x16<S>>().min(most), back.to_int::<i32x16<S>>().min(most)];
+    let (along_row, across) = (back - lower.to_float::<f32x16<S>>(), front - row.to_float::<f32x16<S>>());
+    let first = row.bitcast::<u32x16<S>>() * SIDE as u32 + lower.bitcast::<u32x16<S>>();
+    let [near_low, near_high] = [columns(simd, table, first), columns(simd, table, first + 1)];
+    let first = first + SIDE as u32;
+    let [far_low, far_high] = [columns(simd, table, first), columns(simd, table, first + 1)];
+    let mut light = [splat(simd, 0.0); 4];
+    for channel in 0..4 {
+        let near = near_low[channel] + along_row * (near_high[channel] - near_low[channel]);
+        let far = far_low[channel] + along_row * (far_high[channel] - far_low[channel]);
+        light[channel] = near + across * (far - near);
+    }
+    let is_lit = light[3].simd_gt(0.0);
+    let per_opacity = is_lit.select(1.0 / light[3], splat(simd, 0.0));
+    [light[0] * per_opacity, light[1] * per_opacity, light[2] * per_opacity, is_lit.select(light[3], splat(simd, 0.0))]
+}
+
+/// What lies between the ends of parts.
+#[inline(always)]
+fn between<S: Simd>(simd: S, ends: &[[f32; 4]], place: f32x16<S>) -> [f32x16<S>; 4] {
+    let lower = place.to_int::<i32x16<S>>().min(i32x16::splat(simd, PARTS as i32));
+    let along = place - lower.to_float::<f32x16<S>>();
+    let first = lower.bitcast::<u32x16<S>>();
+    let (low, high) = (columns(simd, ends, first), columns(simd, ends, first + 1));
+    let mut light = low;
+    for channel in 0..4 {
+        light[channel] += along * (high[channel] - low[channel]);
+    }
+    light
+}

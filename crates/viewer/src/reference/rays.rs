@@ -1,0 +1,541 @@
+//! Sixteen rays, from sample to sample.
+
+// No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
+#![allow(clippy::needless_range_loop, reason = "see above")]
+
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, mask32x16, u32x16};
+use glam::Vec3;
+
+use super::active_cells::ActiveCells;
+use super::batch::{Batch, Ways};
+use super::gathers;
+use super::lanes::{Directions, LANES, dot, splat, splat_vector, store_columns, unit_or_zero};
+use super::sampling::{Sampler, whole};
+use super::steps::{Samples, Steps};
+use crate::classify::Occupancy;
+use crate::classify::macrocells::MACROCELL;
+use crate::frame::Frame;
+use crate::slicing::share_of_face;
+
+/// Rays rest once so many of their samples wait.
+const MOST_WAITING: u32 = 8;
+
+/// How far off rounding can put a sample, as a share of the lengths that it is worked out from: a few units in the last place.
+const ROUNDING: f32 = 4e-6;
+
+/// Where rays may leap.
+#[derive(Clone, Copy)]
+pub(super) struct Skipping<'a> {
+    pub(super) occupancy: &'a Occupancy,
+    /// Which cells can show anything, where roles decide.
+    pub(super) active: Option<&'a ActiveCells>,
+}
+
+/// Pixels whose rays go side by side.
+pub(super) struct Pixels {
+    /// Counted from the top left of the picture.
+    pub(super) places: [[u32; LANES]; 2],
+    /// Bits of those that there are.
+    pub(super) are_there: u16,
+    /// Where along the rays opaque geometry lies.
+    pub(super) opaque: [f32; LANES],
+}
+
+/// The rays of sixteen pixels, and how far along they are.
+pub(super) struct Rays<S: Simd> {
+    pub(super) origin: Directions<S>,
+    pub(super) direction: Directions<S>,
+    inverse: Directions<S>,
+    are_forward: [mask32x16<S>; 3],
+    /// What of them is drawn.
+    pub(super) entry: f32x16<S>,
+    pub(super) exit: f32x16<S>,
+    /// Normals of the planes that they enter through, 0 where those do not cut.
+    cut: Directions<S>,
+    /// Those that have not ended.
+    go_on: mask32x16<S>,
+    /// At equal distances how many samples lie behind; from cell to cell the place along the ray.
+    progress: f32x16<S>,
+    way: Way<S>,
+}
+
+/// How samples follow each other.
+enum Way<S: Simd> {
+    Steps(Steps<S>),
+    /// The cell that the ray is in, by the indices of its lowest voxel.
+    Cells(Directions<S>),
+}
+
+impl<S: Simd> Rays<S> {
+    /// The rays of pixels; adds to `count` how many samples there are along them.
+    #[inline(always)]
+    pub(super) fn new(simd: S, frame: &Frame, pixels: &Pixels, count: &mut u64) -> Self {
+        let zero = splat(simd, 0.0);
+        let [origin, direction] = pixel_rays(simd, frame, pixels);
+        let (mut inverse, mut are_forward) = ([zero; 3], [mask32x16::splat(simd, false); 3]);
+        for axis in 0..3 {
+            are_forward[axis] = direction[axis].simd_ge(0.0);
+            // As `Frame::inverse_direction`.
+            let is_zero = direction[axis].abs().simd_lt(1e-20);
+            inverse[axis] = 1.0 / is_zero.select(splat(simd, 1e-20), direction[axis]);
+        }
+        let go_on = mask32x16::from_bitmask(simd, pixels.are_there.into());
+        let way = Way::Cells([zero; 3]);
+        let mut rays = Self {
+            origin,
+            direction,
+            inverse,
+            are_forward,
+            entry: zero,
+            exit: zero,
+            cut: [zero; 3],
+            go_on,
+            progress: zero,
+            way,
+        };
+        rays.enter(simd, frame);
+        let opaque = f32x16::from_slice(simd, &pixels.opaque);
+        let steps = Steps::new(simd, frame, &rays, first_samples(simd, frame, pixels), opaque);
+        let counts = if frame.goes_by_cells {
+            rays.exit = rays.exit.min(opaque);
+            if frame.slicing.is_some() {
+                // Slices together stand for all of a ray that meets any.
+                rays.exit = steps.count(simd, &rays).simd_gt(0.0).select(rays.exit, rays.entry);
+            }
+            rays.progress = rays.entry;
+            let first = rays.cell(simd, frame, rays.entry);
+            rays.way = Way::Cells(first);
+            rays.cells_between(simd, frame, &first)
+        } else {
+            rays.exit = rays.exit.min(opaque);
+            rays.way = Way::Steps(steps);
+            steps.count(simd, &rays)
+        };
+        let counts: [f32; LANES] = go_on.select(counts, zero).into();
+        for lane in 0..LANES {
+            *count += counts[lane] as u64;
+        }
+        rays
+    }
+
+    /// Keeps what samples need to know of them.
+    #[inline(always)]
+    pub(super) fn store(&self, simd: S, ways: &mut Ways, first: usize) {
+        let zero = splat(simd, 0.0);
+        let ([x, y, z], [u, v, w]) = (self.origin, self.direction);
+        ways.origins.resize(first + LANES, [0.0; 4]);
+        ways.directions.resize(first + LANES, [0.0; 4]);
+        store_columns(simd, [x, y, z, zero], &mut ways.origins[first..]);
+        store_columns(simd, [u, v, w, zero], &mut ways.directions[first..]);
+    }
+
+    /// Whether any has not ended.
+    #[inline(always)]
+    pub(super) fn any_goes_on(&self) -> bool {
+        self.go_on.any_true()
+    }
+
+    /// Ends those of `lanes`.
+    #[inline(always)]
+    pub(super) fn end(&mut self, simd: S, lanes: u16) {
+        self.go_on &= !mask32x16::from_bitmask(simd, lanes.into());
+    }
+
+    /// The normal of the plane that a ray enters through, 0 where that does not cut.
+    pub(super) fn cut(&self, lane: usize) -> Vec3 {
+        Vec3::from_array(self.cut.map(|axis| axis[lane]))
+    }
+
+    /// The share of a ray's sample that lies on the face of the cut through which the ray enters, to a depth that does not
+    /// depend on the step; at equal distances all of the first one, so that a face shows at any.
+    pub(super) fn share_of_face(&self, simd: S, frame: &Frame, lane: usize, along: f32, step: f32) -> f32 {
+        let first = match &self.way {
+            Way::Steps(steps) => Some(steps.at(simd, frame, self, splat(simd, 0.0)).along[lane]),
+            Way::Cells(_) => None,
+        };
+        if first == Some(along) { 1.0 } else { share_of_face(along, step, self.entry[lane]) }
+    }
+
+    /// Goes on, until enough samples wait or all rays have ended. At how many places, or in how many cells, the volume is to be
+    /// sampled.
+    #[inline(never)]
+    pub(super) fn advance(
+        &mut self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        skipping: Option<Skipping<'_>>,
+        first_ray: usize,
+        batch: &mut Batch,
+    ) -> u64 {
+        simd.vectorize(
+            #[inline(always)]
+            || match self.way {
+                Way::Steps(steps) => self.advance_by_steps(simd, sampler, skipping, first_ray, batch, &steps),
+                Way::Cells(cell) => self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cell),
+            },
+        )
+    }
+
+    /// With samples at equal distances.
+    #[inline(always)]
+    fn advance_by_steps(
+        &mut self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        skipping: Option<Skipping<'_>>,
+        first_ray: usize,
+        batch: &mut Batch,
+        steps: &Steps<S>,
+    ) -> u64 {
+        let frame = sampler.frame;
+        let slack = self.slack(simd, frame);
+        let mut taken = 0;
+        let mut waiting = u32x16::splat(simd, 0);
+        let (mut count, mut run) = (self.progress, self.go_on);
+        loop {
+            let Samples { exist, along, step, half_step } = steps.at(simd, frame, self, count);
+            self.go_on &= exist | !run;
+            run &= exist;
+            if !run.any_true() {
+                break;
+            }
+            let mut position = self.origin;
+            for axis in 0..3 {
+                position[axis] += along * self.direction[axis];
+            }
+            let [cell, fractions] = sampler.cells(simd, &position);
+            let Seen { are_sampled, leap, distance } = look(simd, sampler, skipping, &cell, run);
+            taken += u64::from(are_sampled.to_bitmask().count_ones());
+            if are_sampled.any_true() {
+                batch.push(simd, are_sampled, first_ray, &sampler.places(&cell, fractions), along, step, half_step);
+                waiting = are_sampled.select(waiting + 1, waiting);
+            }
+            // Not a running sum of places, whose rounding errors would add up.
+            let mut next = count + 1.0;
+            if leap.any_true() {
+                // To the first sample beyond all that is known to be empty.
+                let beyond = self.leaves_macrocells(simd, frame, &cell, distance, slack);
+                next = leap.select(((beyond - steps.start) / steps.step).floor().max(next), next);
+            }
+            count = run.select(next, count);
+            run &= waiting.simd_lt(MOST_WAITING);
+        }
+        self.progress = count;
+        taken
+    }
+
+    /// From cell to cell: what lies in each is cut into equal pieces, so that the voxels that decide are the same along all of
+    /// a piece, and nothing of the ray is left out.
+    #[inline(always)]
+    fn advance_by_cells(
+        &mut self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        skipping: Option<Skipping<'_>>,
+        first_ray: usize,
+        batch: &mut Batch,
+        mut cell: Directions<S>,
+    ) -> u64 {
+        let frame = sampler.frame;
+        let mut taken = 0;
+        let mut waiting = u32x16::splat(simd, 0);
+        let (mut along, mut run) = (self.progress, self.go_on);
+        loop {
+            let exist = along.simd_lt(self.exit);
+            self.go_on &= exist | !run;
+            run &= exist;
+            if !run.any_true() {
+                break;
+            }
+            let Seen { are_sampled, leap, distance } = look(simd, sampler, skipping, &cell, run);
+            let exits = self.exits(simd, frame, &cell);
+            let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
+            taken += u64::from(are_sampled.to_bitmask().count_ones());
+            if are_sampled.any_true() {
+                let pieces = ((end - along) / (2.0 * frame.half_step)).ceil();
+                let step = (end - along) / pieces;
+                let mut piece = 0.0;
+                let mut are_left = are_sampled & pieces.simd_gt(piece);
+                while are_left.any_true() {
+                    let middle = along + (piece + 0.5) * step;
+                    let places = sampler.places(&cell, self.fractions(simd, sampler, &cell, middle));
+                    batch.push(simd, are_left, first_ray, &places, middle, step, step * 0.5);
+                    waiting = are_left.select(waiting + 1, waiting);
+                    piece += 1.0;
+                    are_left &= pieces.simd_gt(piece);
+                }
+            }
+            let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
+            if leap.any_true() {
+                let beyond = self.leaves_cells_of_macrocells(simd, frame, &cell, distance);
+                let cell_beyond = self.cell(simd, frame, beyond);
+                next_along = leap.select(beyond, next_along);
+                for axis in 0..3 {
+                    next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
+                }
+            }
+            along = run.select(next_along, along);
+            for axis in 0..3 {
+                cell[axis] = run.select(next_cell[axis], cell[axis]);
+            }
+            run &= waiting.simd_lt(MOST_WAITING);
+        }
+        self.progress = along;
+        self.way = Way::Cells(cell);
+        taken
+    }
+
+    /// Finds what of the rays is drawn: as [`Frame::interval`].
+    #[inline(always)]
+    fn enter(&mut self, simd: S, frame: &Frame) {
+        let (mut entry, mut exit) = (splat(simd, 0.0), splat(simd, f32::INFINITY));
+        for axis in 0..3 {
+            let to_low = (frame.box_low[axis] - self.origin[axis]) * self.inverse[axis];
+            let to_high = (frame.box_high[axis] - self.origin[axis]) * self.inverse[axis];
+            entry = entry.max(to_low.min(to_high));
+            exit = exit.min(to_low.max(to_high));
+        }
+        for plane in 0..frame.plane_count as usize {
+            let plane = frame.planes[plane];
+            let normal = splat_vector(simd, plane.truncate());
+            let (along, room) = (dot(&normal, &self.direction), plane.w - dot(&normal, &self.origin));
+            // A ray along the plane lies on one side of it as a whole.
+            let is_parallel = along.abs().simd_lt(1e-20);
+            let crossing = room / along;
+            let is_exit = !is_parallel & along.simd_gt(0.0);
+            let is_entry = !is_parallel & !is_exit & crossing.simd_gt(entry);
+            exit = is_exit.select(exit.min(crossing), exit);
+            exit = (is_parallel & room.simd_lt(0.0)).select(splat(simd, -1.0), exit);
+            entry = is_entry.select(crossing, entry);
+            for axis in 0..3 {
+                self.cut[axis] = is_entry.select(normal[axis], self.cut[axis]);
+            }
+        }
+        (self.entry, self.exit) = (entry, exit);
+    }
+
+    /// How far off rounding can put a sample.
+    #[inline(always)]
+    fn slack(&self, simd: S, frame: &Frame) -> f32x16<S> {
+        let [x, y, z] = self.origin;
+        let farthest = x.abs().max(y.abs()).max(z.abs());
+        (farthest + splat(simd, (frame.box_high - frame.box_low).length())) * ROUNDING
+    }
+
+    /// Up to where every sample lies in a macrocell closer than `distance` to that of its cell, rounding included.
+    #[inline(always)]
+    fn leaves_macrocells(
+        &self,
+        simd: S,
+        frame: &Frame,
+        cell: &Directions<S>,
+        distance: f32x16<S>,
+        slack: f32x16<S>,
+    ) -> f32x16<S> {
+        let mut nearest = splat(simd, f32::INFINITY);
+        for axis in 0..3 {
+            let corner = self.beyond_macrocells(axis, cell, distance);
+            let plane = corner * frame.spacing[axis] + self.are_forward[axis].select(-slack, slack);
+            nearest = nearest.min((plane - self.origin[axis]) * self.inverse[axis]);
+        }
+        nearest
+    }
+
+    /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell.
+    #[inline(always)]
+    fn leaves_cells_of_macrocells(
+        &self,
+        simd: S,
+        frame: &Frame,
+        cell: &Directions<S>,
+        distance: f32x16<S>,
+    ) -> f32x16<S> {
+        let mut nearest = splat(simd, f32::INFINITY);
+        for axis in 0..3 {
+            let plane = self.beyond_macrocells(axis, cell, distance);
+            nearest = nearest.min(self.crossing(simd, frame, axis, plane, f32::INFINITY));
+        }
+        nearest
+    }
+
+    /// The voxel across an axis at which macrocells begin that are `distance` away from that of a cell.
+    #[inline(always)]
+    fn beyond_macrocells(&self, axis: usize, cell: &Directions<S>, distance: f32x16<S>) -> f32x16<S> {
+        let macrocell = (cell[axis] * (1.0 / MACROCELL as f32)).floor();
+        self.are_forward[axis].select(macrocell + distance, macrocell + 1.0 - distance) * MACROCELL as f32
+    }
+
+    /// Where planes between voxels are crossed; `never`, where there is no cell behind.
+    #[inline(always)]
+    fn crossing(&self, simd: S, frame: &Frame, axis: usize, plane: f32x16<S>, never: f32) -> f32x16<S> {
+        let is_inside = plane.simd_gt(0.0) & plane.simd_le(last_cell(frame, axis));
+        let place = (plane * frame.spacing[axis] - self.origin[axis]) * self.inverse[axis];
+        is_inside.select(place, splat(simd, never))
+    }
+
+    /// Where cells are left through the planes across each axis.
+    #[inline(always)]
+    fn exits(&self, simd: S, frame: &Frame, cell: &Directions<S>) -> Directions<S> {
+        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+        let mut exits = [zero; 3];
+        for axis in 0..3 {
+            let plane = cell[axis] + self.are_forward[axis].select(one, zero);
+            exits[axis] = self.crossing(simd, frame, axis, plane, f32::INFINITY);
+        }
+        exits
+    }
+
+    /// The cells behind the nearest of cells' exits.
+    #[inline(always)]
+    fn next_cell(&self, simd: S, cell: &Directions<S>, exits: &Directions<S>) -> Directions<S> {
+        // One at a time, so that cells can be counted.
+        let is_x = exits[0].simd_le(exits[1]) & exits[0].simd_le(exits[2]);
+        let is_y = !is_x & exits[1].simd_le(exits[2]);
+        let are_next = [is_x, is_y, !is_x & !is_y];
+        let mut next = *cell;
+        for axis in 0..3 {
+            next[axis] = are_next[axis].select(cell[axis] + self.one_cell(simd, axis), cell[axis]);
+        }
+        next
+    }
+
+    /// One cell on along an axis.
+    #[inline(always)]
+    fn one_cell(&self, simd: S, axis: usize) -> f32x16<S> {
+        self.are_forward[axis].select(splat(simd, 1.0), splat(simd, -1.0))
+    }
+
+    /// The cells at places along the rays: those that are entered there where that is on a plane.
+    #[inline(always)]
+    fn cell(&self, simd: S, frame: &Frame, along: f32x16<S>) -> Directions<S> {
+        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+        let per_spacing = frame.spacing.recip();
+        let mut cell = [zero; 3];
+        for axis in 0..3 {
+            let index = (self.origin[axis] + along * self.direction[axis]) * per_spacing[axis];
+            // Rounding can be off by a cell, but not by two.
+            let guess = index.floor().max(zero).min(splat(simd, last_cell(frame, axis)));
+            let is_forward = self.are_forward[axis];
+            let exit = self.crossing(simd, frame, axis, guess + is_forward.select(one, zero), f32::INFINITY);
+            let entry = self.crossing(simd, frame, axis, guess + is_forward.select(zero, one), f32::NEG_INFINITY);
+            let step = self.one_cell(simd, axis);
+            cell[axis] = guess + along.simd_ge(exit).select(step, zero) - along.simd_lt(entry).select(step, zero);
+        }
+        cell
+    }
+
+    /// How many cells lie between the entry, in `first`, and the exit.
+    #[inline(always)]
+    fn cells_between(&self, simd: S, frame: &Frame, first: &Directions<S>) -> f32x16<S> {
+        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+        let last = self.cell(simd, frame, self.exit);
+        let mut count = one;
+        for axis in 0..3 {
+            let plane = last[axis] + self.are_forward[axis].select(zero, one);
+            let entry = self.crossing(simd, frame, axis, plane, f32::NEG_INFINITY);
+            let is_left = entry.simd_ge(self.exit);
+            count += (last[axis] - is_left.select(self.one_cell(simd, axis), zero) - first[axis]).abs();
+        }
+        // A ray that misses has an exit before its entry.
+        self.entry.simd_lt(self.exit).select(count, zero)
+    }
+
+    /// Where in cells places along the rays lie, 0 to 1 along each axis.
+    #[inline(always)]
+    fn fractions(&self, simd: S, sampler: &Sampler<'_>, cell: &Directions<S>, along: f32x16<S>) -> Directions<S> {
+        let zero = splat(simd, 0.0);
+        let mut fractions = [zero; 3];
+        for axis in 0..3 {
+            let index = (self.origin[axis] + along * self.direction[axis]) * sampler.inverse_spacing[axis];
+            let farthest = splat(simd, (sampler.frame.dims[axis].min(2) - 1) as f32);
+            fractions[axis] = (index - cell[axis]).max(zero).min(farthest);
+        }
+        fractions
+    }
+}
+
+/// The farthest cell along an axis.
+#[inline(always)]
+fn last_cell(frame: &Frame, axis: usize) -> f32 {
+    frame.dims[axis].saturating_sub(2) as f32
+}
+
+/// What rays see of the cells that they are in.
+struct Seen<S: Simd> {
+    are_sampled: mask32x16<S>,
+    /// Those that leap over all macrocells closer than a distance.
+    leap: mask32x16<S>,
+    distance: f32x16<S>,
+}
+
+#[inline(always)]
+fn look<S: Simd>(
+    simd: S,
+    sampler: &Sampler<'_>,
+    skipping: Option<Skipping<'_>>,
+    cell: &Directions<S>,
+    run: mask32x16<S>,
+) -> Seen<S> {
+    let none = mask32x16::splat(simd, false);
+    let Some(Skipping { occupancy, active }) = skipping else {
+        return Seen { are_sampled: run, leap: none, distance: splat(simd, 0.0) };
+    };
+    let [nx, ny, _] = occupancy.dims();
+    let zero = u32x16::splat(simd, 0);
+    // Those that have ended may be anywhere.
+    let [x, y, z] = [
+        run.select(whole(cell[0]), zero),
+        run.select(whole(cell[1]), zero),
+        run.select(whole(cell[2]), zero),
+    ];
+    let macrocells = ((z >> 2) * ny as u32 + (y >> 2)) * nx as u32 + (x >> 2);
+    let mut distance = gathers::numbers(simd, occupancy.distances(), macrocells);
+    let mut leap = run & distance.simd_gt(0);
+    let mut are_sampled = run & !leap;
+    if let Some(active) = active {
+        let macrocells: [u32; LANES] = macrocells.into();
+        let bits: [u32; LANES] = ((x & 3) | (y & 3) << 2 | (z & 3) << 4).into();
+        let (mut left, mut lit, mut dark) = (are_sampled.to_bitmask(), 0_u64, 0_u64);
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let mask = active.mask(simd, sampler, macrocells[lane] as usize);
+            dark |= u64::from(mask == 0) << lane;
+            lit |= (mask >> bits[lane] & 1) << lane;
+        }
+        are_sampled = mask32x16::from_bitmask(simd, lit);
+        let dark = mask32x16::from_bitmask(simd, dark);
+        leap |= dark;
+        distance = dark.select(u32x16::splat(simd, 1), distance);
+    }
+    Seen { are_sampled, leap, distance: distance.to_float() }
+}
+
+/// Origins and directions of pixels' rays: as [`Frame::ray`].
+#[inline(always)]
+fn pixel_rays<S: Simd>(simd: S, frame: &Frame, pixels: &Pixels) -> [Directions<S>; 2] {
+    let [width, height] = [frame.image_size[0] as f32, frame.image_size[1] as f32];
+    let [x, y] = [u32x16::from_slice(simd, &pixels.places[0]), u32x16::from_slice(simd, &pixels.places[1])];
+    let right = (x.to_float::<f32x16<S>>() + 0.5) / width * 2.0 - 1.0;
+    let up = 1.0 - (y.to_float::<f32x16<S>>() + 0.5) / height * 2.0;
+    let rays = &frame.rays;
+    let (mut origin, mut direction) = ([right; 3], [right; 3]);
+    for axis in 0..3 {
+        origin[axis] = rays.origin[axis] + right * rays.origin_right[axis] + up * rays.origin_up[axis];
+        direction[axis] = rays.direction[axis] + right * rays.direction_right[axis] + up * rays.direction_up[axis];
+    }
+    [origin, unit_or_zero(simd, &direction, 0.0)]
+}
+
+/// As [`Frame::first_sample`].
+#[inline(always)]
+fn first_samples<S: Simd>(simd: S, frame: &Frame, pixels: &Pixels) -> f32x16<S> {
+    if !frame.jitter {
+        return splat(simd, 0.5);
+    }
+    let mut shares = [0.0; LANES];
+    for lane in 0..LANES {
+        shares[lane] = frame.first_sample(pixels.places[0][lane], pixels.places[1][lane]);
+    }
+    f32x16::from_slice(simd, &shares)
+}
