@@ -4,7 +4,8 @@ step, by turns, and both pictures into a folder.
 python3 tests/peers/vtk_render.py VOXROLE_VIEW VOXROLE OUT VOLUME...
 
 VTK's transfer function is made from the regions that voxrole-view proposes: opaque within their values, and at their gradient
-magnitudes. VTK's first picture, which builds its tables of gradients, does not count, nor does reading and making ready.
+magnitudes. By value both have the same one, a curve over the volume's values. VTK's first picture, which builds its tables of
+gradients, does not count, nor does reading and making ready.
 """
 
 import math
@@ -19,6 +20,19 @@ import vtk
 SIZE = 512
 ROUNDS = 5
 FIELD_OF_VIEW = 30.0
+# Opacity and colour at shares of the range of values.
+CURVE = [
+    (0.0, "000000", 0.0),
+    (0.2, "000000", 0.0),
+    (0.26, "009E73", 0.23),
+    (0.5, "56B4E9", 0.3),
+    (0.54, "F0E442", 0.15),
+    (0.75, "F0E442", 0.15),
+]
+
+
+def channels(colour):
+    return [int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)]
 
 
 def regions_of(view, file):
@@ -29,8 +43,7 @@ def regions_of(view, file):
     for line in text.splitlines():
         value, gradient, colour, opacity = line.split()[1].split(",")[:4]
         numbers = lambda extent: [float(number) for number in extent.split(":")]
-        rgb = [int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)]
-        regions.append((numbers(value), numbers(gradient), rgb, float(opacity)))
+        regions.append((numbers(value), numbers(gradient), channels(colour), float(opacity)))
     return regions
 
 
@@ -49,28 +62,13 @@ class Vtk:
         self.mapper.SetSampleDistance(spacing)
         self.mapper.SetInteractiveSampleDistance(spacing)
         self.mapper.SetNumberOfThreads(os.cpu_count())
-        opacity, gradient_opacity = vtk.vtkPiecewiseFunction(), vtk.vtkPiecewiseFunction()
-        colour = vtk.vtkColorTransferFunction()
-        for (low, high), (weakest, strongest), rgb, alpha in regions:
-            for value, alpha in [(low, 0.0), (low + 0.1 * (high - low), alpha), (high - 0.1 * (high - low), alpha), (high, 0.0)]:
-                opacity.AddPoint(value, alpha)
-            colour.AddRGBPoint(0.5 * (low + high), *rgb)
-        weakest = min(region[1][0] for region in regions)
-        gradient_opacity.AddPoint(0.0, 0.0)
-        gradient_opacity.AddPoint(0.9 * weakest, 0.0)
-        gradient_opacity.AddPoint(weakest, 1.0)
-        volume_property = vtk.vtkVolumeProperty()
-        volume_property.SetScalarOpacity(opacity)
-        volume_property.SetGradientOpacity(gradient_opacity)
-        volume_property.SetColor(colour)
-        volume_property.SetInterpolationTypeToLinear()
-        volume_property.ShadeOn()
-        volume_property.SetScalarOpacityUnitDistance(spacing)
-        volume = vtk.vtkVolume()
-        volume.SetMapper(self.mapper)
-        volume.SetProperty(volume_property)
+        low, high = image.GetScalarRange()
+        self.curve = [(low + share * (high - low), colour, alpha) for share, colour, alpha in CURVE]
+        self.properties = {"regions": self.of_regions(regions), "value": self.by_value()}
+        self.volume = vtk.vtkVolume()
+        self.volume.SetMapper(self.mapper)
         renderer = vtk.vtkRenderer()
-        renderer.AddVolume(volume)
+        renderer.AddVolume(self.volume)
         self.window = vtk.vtkRenderWindow()
         self.window.SetOffScreenRendering(1)
         self.window.SetSize(SIZE, SIZE)
@@ -81,6 +79,42 @@ class Vtk:
         self.camera = renderer.GetActiveCamera()
         self.camera.SetViewAngle(FIELD_OF_VIEW)
         self.renderer = renderer
+
+    def property_of(self, opacity, colour):
+        volume_property = vtk.vtkVolumeProperty()
+        volume_property.SetScalarOpacity(opacity)
+        volume_property.SetColor(colour)
+        volume_property.SetInterpolationTypeToLinear()
+        volume_property.ShadeOn()
+        volume_property.SetScalarOpacityUnitDistance(self.mapper.GetSampleDistance())
+        return volume_property
+
+    def of_regions(self, regions):
+        opacity, gradient_opacity = vtk.vtkPiecewiseFunction(), vtk.vtkPiecewiseFunction()
+        colour = vtk.vtkColorTransferFunction()
+        for (low, high), (weakest, strongest), rgb, alpha in regions:
+            for value, alpha in [(low, 0.0), (low + 0.1 * (high - low), alpha), (high - 0.1 * (high - low), alpha), (high, 0.0)]:
+                opacity.AddPoint(value, alpha)
+            colour.AddRGBPoint(0.5 * (low + high), *rgb)
+        weakest = min(region[1][0] for region in regions)
+        gradient_opacity.AddPoint(0.0, 0.0)
+        gradient_opacity.AddPoint(0.9 * weakest, 0.0)
+        gradient_opacity.AddPoint(weakest, 1.0)
+        volume_property = self.property_of(opacity, colour)
+        volume_property.SetGradientOpacity(gradient_opacity)
+        return volume_property
+
+    def by_value(self):
+        opacity, colour = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
+        for value, rgb, alpha in self.curve:
+            opacity.AddPoint(value, alpha)
+            colour.AddRGBPoint(value, *channels(rgb))
+        return self.property_of(opacity, colour)
+
+    def classify(self, by):
+        """Takes another transfer function; its first picture, which makes tables, is not one of those that count."""
+        self.volume.SetProperty(self.properties[by])
+        self.draw(0, 0)
 
     def draw(self, azimuth, elevation):
         """Seconds for a picture from where voxrole-view's `--camera AZIMUTH,ELEVATION` looks."""
@@ -121,7 +155,7 @@ def drawn(view, file, picture, azimuth, elevation, regions, options):
 
 def main(view, voxrole, out, *volumes):
     os.makedirs(out, exist_ok=True)
-    print("volume | voxrole, s | the same without integration, s | VTK, s | ratios")
+    print("volume, classified by | voxrole, s | the same without integration, s | VTK, s | ratios")
     for volume in volumes:
         name = os.path.splitext(os.path.basename(volume))[0]
         packed, nrrd = os.path.join(out, name + ".vxr"), os.path.join(out, name + "-value.nrrd")
@@ -129,23 +163,30 @@ def main(view, voxrole, out, *volumes):
             subprocess.run([voxrole, "prepare", volume, "-o", packed], check=True, capture_output=True)
             subprocess.run([voxrole, "export", packed, "--field", "value", "-o", nrrd], check=True, capture_output=True)
         regions = regions_of(view, packed)
+        peer = Vtk(nrrd, regions)
+        curve = ";".join(f"{value},{colour},{alpha}" for value, colour, alpha in peer.curve)
+        typed = ["--classify", "value", "--curve", curve]
+        compare(view, os.path.join(out, name + "-by-value"), packed, peer, "value", typed)
         typed = []
         for (low, high), (weakest, strongest), rgb, alpha in regions:
             colour = "".join(f"{round(255 * channel):02x}" for channel in rgb)
             typed += ["--region", f"{low}:{high},{weakest}:{strongest},{colour},{alpha}"]
-        peer = Vtk(nrrd, regions)
-        peer.draw(0, 0)
-        ours, plain, theirs = [], [], []
-        for turn in range(ROUNDS):
-            camera = (30 + 15 * turn, 20)
-            ours.append(drawn(view, packed, os.path.join(out, name + ".png"), *camera, typed, []))
-            post = os.path.join(out, name + "-post.png")
-            plain.append(drawn(view, packed, post, *camera, typed, ["--integration", "post"]))
-            theirs.append(peer.draw(*camera))
-        peer.save(os.path.join(out, name + "-vtk.png"))
-        times = [statistics.median(seconds) for seconds in (ours, plain, theirs)]
-        ratios = [statistics.median(other / own for own, other in zip(seconds, theirs)) for seconds in (ours, plain)]
-        print(name, *(f"{time:.3f}" for time in times), ", ".join(f"{ratio:.2f}" for ratio in ratios), sep=" | ", flush=True)
+        compare(view, os.path.join(out, name), packed, peer, "regions", typed)
+
+
+def compare(view, picture, packed, peer, by, typed):
+    peer.classify(by)
+    ours, plain, theirs = [], [], []
+    for turn in range(ROUNDS):
+        camera = (30 + 15 * turn, 20)
+        ours.append(drawn(view, packed, picture + ".png", *camera, typed, []))
+        plain.append(drawn(view, packed, picture + "-post.png", *camera, typed, ["--integration", "post"]))
+        theirs.append(peer.draw(*camera))
+    peer.save(picture + "-vtk.png")
+    times = [statistics.median(seconds) for seconds in (ours, plain, theirs)]
+    ratios = [statistics.median(other / own for own, other in zip(seconds, theirs)) for seconds in (ours, plain)]
+    label = f"{os.path.basename(packed)}, {by}"
+    print(label, *(f"{time:.3f}" for time in times), ", ".join(f"{ratio:.2f}" for ratio in ratios), sep=" | ", flush=True)
 
 
 if __name__ == "__main__":

@@ -58,7 +58,8 @@ impl ActiveCells {
     #[inline(never)]
     fn work_out<S: Simd>(&self, simd: S, sampler: &Sampler<'_>, macrocell: usize) -> u64 {
         let [nx, ny] = self.dims;
-        let first = [macrocell % nx, macrocell / nx % ny, macrocell / (nx * ny)].map(|index| index * MACROCELL as usize);
+        let first =
+            [macrocell % nx, macrocell / nx % ny, macrocell / (nx * ny)].map(|index| index * MACROCELL as usize);
         let mut mask = simd.vectorize(
             #[inline(always)]
             || mask(simd, sampler, first),

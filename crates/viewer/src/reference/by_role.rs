@@ -139,9 +139,9 @@ mod tests {
     use proptest::prelude::*;
     use voxrole_preprocess::simd;
 
+    use super::super::RayMarcher;
     use super::super::lanes::{LANES, splat_vector};
     use super::super::naive;
-    use super::super::RayMarcher;
     use super::*;
     use crate::ViewState;
     use crate::state::Integration;

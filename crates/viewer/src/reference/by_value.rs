@@ -84,11 +84,7 @@ fn stored<S: Simd>(simd: S, corners: &Corners<S>) -> Found<S> {
     for corner in 0..8 {
         intensity += corners.weights[corner] * corners.gradients(corner).to_float::<f32x16<S>>();
     }
-    Found {
-        opacity: corners.value(simd) / 65535.0,
-        color: [intensity / 65535.0; 3],
-        ..Found::nothing(simd)
-    }
+    Found { opacity: corners.value(simd) / 65535.0, color: [intensity / 65535.0; 3], ..Found::nothing(simd) }
 }
 
 /// Direction of the mean of the normals that there are: where no boundary is near, light has nothing to fall on.

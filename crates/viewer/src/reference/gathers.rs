@@ -107,7 +107,10 @@ pub(super) fn texel_pairs<S: Simd>(
     is_one: bool,
 ) -> [u32x16<S>; 4] {
     let count = 2 - usize::from(is_one);
-    assert!(firsts.most < texels.len() && offset + count <= texels.len() - firsts.most, "a texel lies beyond the volume's end");
+    assert!(
+        firsts.most < texels.len() && offset + count <= texels.len() - firsts.most,
+        "a texel lies beyond the volume's end"
+    );
     let mut quads = [u32x16::splat(simd, 0); 4];
     for quad in 0..4 {
         let mut lanes = [u32x4::splat(simd, 0); 4];
@@ -150,7 +153,8 @@ mod tests {
     fn what_is_found_is_what_the_table_holds() {
         let bytes: Vec<u8> = (0..20).map(|index| 255 - index).collect();
         let floats: Vec<f32> = (0..21_u16).map(|index| f32::from(index) + 0.5).collect();
-        let rows: Vec<[f32; 4]> = (0..20_u16).map(|row| [0, 1, 2, 3].map(|column| f32::from(4 * row + column))).collect();
+        let rows: Vec<[f32; 4]> =
+            (0..20_u16).map(|row| [0, 1, 2, 3].map(|column| f32::from(4 * row + column))).collect();
         let texels: Vec<[u16; 4]> = (0..39).map(|row| [0, 1, 2, 3].map(|column| 1000 * row + column)).collect();
         dispatch!(simd::level(), simd => {
             let indices = u32x16::from_slice(simd, &INDICES);

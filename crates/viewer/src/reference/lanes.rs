@@ -140,7 +140,8 @@ mod tests {
 
     #[test]
     fn columns_are_written_as_rows() {
-        let columns: [[f32; LANES]; 4] = std::array::from_fn(|column| std::array::from_fn(|row| (4 * row + column) as f32));
+        let columns: [[f32; LANES]; 4] =
+            std::array::from_fn(|column| std::array::from_fn(|row| (4 * row + column) as f32));
         let mut rows = [[0.0; 4]; LANES];
         dispatch!(simd::level(), simd => {
             let [a, b, c, d] = &columns;

@@ -483,11 +483,8 @@ fn look<S: Simd>(
     let [nx, ny, _] = occupancy.dims();
     let zero = u32x16::splat(simd, 0);
     // Those that have ended may be anywhere.
-    let [x, y, z] = [
-        run.select(whole(cell[0]), zero),
-        run.select(whole(cell[1]), zero),
-        run.select(whole(cell[2]), zero),
-    ];
+    let [x, y, z] =
+        [run.select(whole(cell[0]), zero), run.select(whole(cell[1]), zero), run.select(whole(cell[2]), zero)];
     let macrocells = ((z >> 2) * ny as u32 + (y >> 2)) * nx as u32 + (x >> 2);
     let mut distance = gathers::numbers(simd, occupancy.distances(), macrocells);
     let mut leap = run & distance.simd_gt(0);

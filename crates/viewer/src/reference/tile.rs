@@ -130,7 +130,8 @@ impl<'a, S: Simd> Tiles<'a, S> {
         let [along, step] = self.batch.step(sample);
         let rays = &mut self.rays[ray / LANES];
         if self.question.keeps_own {
-            let [origin, direction] = [&self.ways.origins, &self.ways.directions].map(|rows| Vec4::from_array(rows[ray]));
+            let [origin, direction] =
+                [&self.ways.origins, &self.ways.directions].map(|rows| Vec4::from_array(rows[ray]));
             let way = Ray { origin: origin.truncate(), direction: direction.truncate() };
             let lighting = Lighting::new(-way.direction, frame.light, &frame.shading);
             let RoleSample { mut color, normal, .. } = self.batch.own(sample);

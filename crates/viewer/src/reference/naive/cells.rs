@@ -29,7 +29,7 @@ pub struct CellRay {
 
 impl CellRay {
     /// Makes ready to follow a ray.
-        pub fn new(frame: &Frame, ray: &Ray) -> Self {
+    pub fn new(frame: &Frame, ray: &Ray) -> Self {
         let of_dims = |number: fn(u32) -> u32| Vec3::from_array(frame.dims.map(|dim| number(dim) as f32));
         Self {
             origin: ray.origin,
@@ -44,7 +44,7 @@ impl CellRay {
     }
 
     /// The cell at a place along the ray: the one that is entered there where that is on a plane.
-        pub fn cell(&self, along: f32) -> Vec3 {
+    pub fn cell(&self, along: f32) -> Vec3 {
         let index = (self.origin + along * self.direction) * self.inverse_spacing;
         // Rounding can be off by a cell, but not by two.
         let guess = index.floor().clamp(Vec3::ZERO, self.last);
@@ -55,7 +55,7 @@ impl CellRay {
     }
 
     /// The cell behind the nearest of a cell's exits.
-        pub fn next(&self, cell: Vec3, exits: Vec3) -> Vec3 {
+    pub fn next(&self, cell: Vec3, exits: Vec3) -> Vec3 {
         // One at a time, so that cells can be counted.
         let is_x = exits.x <= exits.y && exits.x <= exits.z;
         let is_y = !is_x && exits.y <= exits.z;
@@ -63,7 +63,7 @@ impl CellRay {
     }
 
     /// Where along the ray a cell is left through the planes across each axis.
-        pub fn exits(&self, cell: Vec3) -> Vec3 {
+    pub fn exits(&self, cell: Vec3) -> Vec3 {
         self.crossings(cell + Vec3::select(self.is_forward, Vec3::ONE, Vec3::ZERO))
     }
 
@@ -75,7 +75,7 @@ impl CellRay {
     }
 
     /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell.
-        pub fn leaves(&self, cell: Vec3, distance: u8) -> f32 {
+    pub fn leaves(&self, cell: Vec3, distance: u8) -> f32 {
         let side = MACROCELL as f32;
         let (macrocell, distance) = ((cell * (1.0 / side)).floor(), f32::from(distance));
         let planes = Vec3::select(self.is_forward, macrocell + distance, macrocell + (1.0 - distance)) * side;
@@ -98,7 +98,7 @@ impl CellRay {
     }
 
     /// Where in a cell a place along the ray lies, 0 to 1 along each axis.
-        pub fn fraction(&self, cell: Vec3, along: f32) -> Vec3 {
+    pub fn fraction(&self, cell: Vec3, along: f32) -> Vec3 {
         let index = (self.origin + along * self.direction) * self.inverse_spacing;
         (index - cell).clamp(Vec3::ZERO, self.farthest)
     }

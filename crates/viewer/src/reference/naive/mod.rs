@@ -41,7 +41,13 @@ pub(super) fn light(marcher: &RayMarcher<'_>) -> (LightPicture, u64) {
 
 /// What is found at a place in index coordinates, over half a step along a ray to either side, by the rule of
 /// [`super::sampling`].
-pub(super) fn sample_role(marcher: &RayMarcher<'_>, cell: UVec3, fraction: Vec3, direction: Vec3, half: f32) -> RoleSample {
+pub(super) fn sample_role(
+    marcher: &RayMarcher<'_>,
+    cell: UVec3,
+    fraction: Vec3,
+    direction: Vec3,
+    half: f32,
+) -> RoleSample {
     let emphases = marcher.tables.emphases();
     let naive = Naive { marcher, frame: &marcher.frame, integrals: PreintegrationTable::new(emphases), emphases };
     naive.role(cell, fraction, direction, half)
