@@ -7,7 +7,7 @@ shift
 cd "$(dirname "$0")"
 read -ra targets <<< "${*:-$(cargo +nightly fuzz list --fuzz-dir . | tr '\n' ' ')}"
 
-# No sanitizer: this project has no unsafe code, and without one there are several times as many runs. Arithmetic is checked.
+# No sanitizer: no reader has unsafe code, and without one there are several times as many runs. Arithmetic is checked.
 cargo +nightly fuzz build --fuzz-dir . --sanitizer none
 echo "| target | runs | runs a second | edges covered | corpus | peak memory, MB |"
 echo "|---|---|---|---|---|---|"

@@ -48,7 +48,8 @@ def regions_of(view, file):
 
 
 class Vtk:
-    def __init__(self, volume_file, regions):
+    def __init__(self, volume_file, regions=None):
+        """By value where there are no regions."""
         reader = vtk.vtkNrrdReader()
         reader.SetFileName(volume_file)
         reader.Update()
@@ -64,11 +65,11 @@ class Vtk:
         self.mapper.SetNumberOfThreads(os.cpu_count())
         low, high = image.GetScalarRange()
         self.curve = [(low + share * (high - low), colour, alpha) for share, colour, alpha in CURVE]
-        self.properties = {"regions": self.of_regions(regions), "value": self.by_value()}
-        self.volume = vtk.vtkVolume()
-        self.volume.SetMapper(self.mapper)
+        volume = vtk.vtkVolume()
+        volume.SetMapper(self.mapper)
+        volume.SetProperty(self.of_regions(regions) if regions else self.by_value())
         renderer = vtk.vtkRenderer()
-        renderer.AddVolume(self.volume)
+        renderer.AddVolume(volume)
         self.window = vtk.vtkRenderWindow()
         self.window.SetOffScreenRendering(1)
         self.window.SetSize(SIZE, SIZE)
@@ -110,11 +111,6 @@ class Vtk:
             opacity.AddPoint(value, alpha)
             colour.AddRGBPoint(value, *channels(rgb))
         return self.property_of(opacity, colour)
-
-    def classify(self, by):
-        """Takes another transfer function; its first picture, which makes tables, is not one of those that count."""
-        self.volume.SetProperty(self.properties[by])
-        self.draw(0, 0)
 
     def draw(self, azimuth, elevation):
         """Seconds for a picture from where voxrole-view's `--camera AZIMUTH,ELEVATION` looks."""
@@ -163,10 +159,11 @@ def main(view, voxrole, out, *volumes):
             subprocess.run([voxrole, "prepare", volume, "-o", packed], check=True, capture_output=True)
             subprocess.run([voxrole, "export", packed, "--field", "value", "-o", nrrd], check=True, capture_output=True)
         regions = regions_of(view, packed)
-        peer = Vtk(nrrd, regions)
+        peer = Vtk(nrrd)
         curve = ";".join(f"{value},{colour},{alpha}" for value, colour, alpha in peer.curve)
         typed = ["--classify", "value", "--curve", curve]
         compare(view, os.path.join(out, name + "-by-value"), packed, peer, "value", typed)
+        peer = Vtk(nrrd, regions)
         typed = []
         for (low, high), (weakest, strongest), rgb, alpha in regions:
             colour = "".join(f"{round(255 * channel):02x}" for channel in rgb)
@@ -175,7 +172,7 @@ def main(view, voxrole, out, *volumes):
 
 
 def compare(view, picture, packed, peer, by, typed):
-    peer.classify(by)
+    peer.draw(0, 0)
     ours, plain, theirs = [], [], []
     for turn in range(ROUNDS):
         camera = (30 + 15 * turn, 20)

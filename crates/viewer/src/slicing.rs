@@ -1,4 +1,4 @@
-//! Slices through a volume, and where along a ray its samples lie.
+//! Slices through a volume. What of a ray each stands for is [`crate::reference`]'s to say, by this rule.
 //!
 //! Space between two neighbouring planes halfway between slices is a slab; a slice stands for the part of each ray that
 //! lies in its slab, so that its step is the slab's thickness over the cosine of the ray's angle to it. A ray's first

@@ -54,13 +54,6 @@ impl EmphasisTable {
         start + (place - interval as f32) * (end - start)
     }
 
-    /// A number of the table and the next.
-    #[must_use]
-    #[inline(always)]
-    pub fn pair(&self, first: usize) -> [f32; 2] {
-        [self.numbers[first], self.numbers[first + 1]]
-    }
-
     /// Number of rows: two for each emphasis.
     #[must_use]
     pub fn rows(&self) -> usize {

@@ -20,8 +20,8 @@ pub(super) struct Batch {
     len: usize,
     /// Which ray each is on.
     rays: Vec<u32>,
-    rows: Vec<u32>,
-    columns: Vec<u32>,
+    /// The lowest voxel of its cell, and where in that it lies.
+    cells: [Vec<u32>; 3],
     fractions: [Vec<f32>; 3],
     /// Where along its ray it lies, what of the ray it stands for, and half of what opacity is integrated along.
     alongs: Vec<f32>,
@@ -101,9 +101,8 @@ impl Batch {
         }
         let rays = u32x16::from_slice(simd, &NUMBERS) + first_ray as u32;
         rays.compress(are_added).store_slice(&mut self.rays[first..end]);
-        places.rows.compress(are_added).store_slice(&mut self.rows[first..end]);
-        places.columns.compress(are_added).store_slice(&mut self.columns[first..end]);
         for axis in 0..3 {
+            places.cells[axis].compress(are_added).store_slice(&mut self.cells[axis][first..end]);
             places.fractions[axis].compress(are_added).store_slice(&mut self.fractions[axis][first..end]);
         }
         along.compress(are_added).store_slice(&mut self.alongs[first..end]);
@@ -115,7 +114,8 @@ impl Batch {
     #[cold]
     fn grow(&mut self) {
         let room = (2 * self.rays.len()).max(1024);
-        for numbers in [&mut self.rays, &mut self.rows, &mut self.columns] {
+        let [x, y, z] = &mut self.cells;
+        for numbers in [&mut self.rays, x, y, z] {
             numbers.resize(room, 0);
         }
         let [x, y, z] = &mut self.fractions;
@@ -134,7 +134,7 @@ impl Batch {
         simd.vectorize(
             #[inline(always)]
             || {
-                // What is left of the last sixteen are zeros: the volume's first voxel.
+                // What is left of the last sixteen are zeros or samples of earlier batches: places in the volume all the same.
                 for first in (0..self.len).step_by(LANES) {
                     self.work_out_sixteen(simd, question, ways, first);
                 }
@@ -147,8 +147,11 @@ impl Batch {
         let Question { sampler, by_value, keeps_own } = question;
         let all = first..first + LANES;
         let places = Places {
-            rows: u32x16::from_slice(simd, &self.rows[all.clone()]),
-            columns: u32x16::from_slice(simd, &self.columns[all.clone()]),
+            cells: [
+                u32x16::from_slice(simd, &self.cells[0][all.clone()]),
+                u32x16::from_slice(simd, &self.cells[1][all.clone()]),
+                u32x16::from_slice(simd, &self.cells[2][all.clone()]),
+            ],
             fractions: [
                 f32x16::from_slice(simd, &self.fractions[0][all.clone()]),
                 f32x16::from_slice(simd, &self.fractions[1][all.clone()]),

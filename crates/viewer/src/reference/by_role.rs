@@ -118,14 +118,16 @@ pub(super) fn sample<S: Simd>(
             }
         }
     }
-    let per_opacity = found.opacity.simd_gt(0.0).select(1.0 / found.opacity, zero);
+    let is_lit = found.opacity.simd_gt(0.0);
+    let per_opacity = is_lit.select(1.0 / found.opacity, zero);
     for axis in 0..3 {
         found.normal[axis] *= per_opacity;
         found.color[axis] *= per_opacity;
     }
     for channel in 0..3 {
         // Whatever the places beside it are: one colour stays as it is.
-        found.color[channel] = numbers.are_one.select(color_of_largest[channel], found.color[channel]);
+        let color = numbers.are_one.select(color_of_largest[channel], found.color[channel]);
+        found.color[channel] = is_lit.select(color, zero);
     }
     found.normal = unit_or_zero(simd, &found.normal, 1e-8);
     found.opacity = found.opacity.min(splat(simd, 1.0));

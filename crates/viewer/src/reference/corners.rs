@@ -15,9 +15,8 @@ use crate::classify::opacity::GRADIENT_BINS;
 /// Places between voxels.
 #[derive(Clone, Copy)]
 pub(super) struct Places<S: Simd> {
-    /// The row of the lowest voxel of each one's cell, counted over all slices, and which of the row's voxels that is.
-    pub(super) rows: u32x16<S>,
-    pub(super) columns: u32x16<S>,
+    /// The lowest voxel of each one's cell.
+    pub(super) cells: [u32x16<S>; 3],
     /// Where in the cell the place lies, 0 to 1 along each axis.
     pub(super) fractions: Directions<S>,
 }

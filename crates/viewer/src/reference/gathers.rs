@@ -83,13 +83,15 @@ pub(super) struct Firsts {
 }
 
 impl Firsts {
-    /// Behind so many rows of `width` texels, and so many more of them.
+    /// At voxels in a volume of so many along x and y.
     #[inline(always)]
-    pub(super) fn new<S: Simd>(rows: u32x16<S>, columns: u32x16<S>, width: usize) -> Self {
-        let (rows, columns): ([u32; LANES], [u32; LANES]) = std::hint::black_box((rows.into(), columns.into()));
+    pub(super) fn new<S: Simd>(voxels: [u32x16<S>; 3], [width, height]: [usize; 2]) -> Self {
+        let [x, y, z] = voxels;
+        let (x, y, z): ([u32; LANES], [u32; LANES], [u32; LANES]) = (x.into(), y.into(), z.into());
+        let (x, y, z) = std::hint::black_box((x, y, z));
         let (mut lanes, mut most) = ([0; LANES], 0);
         for lane in 0..LANES {
-            lanes[lane] = rows[lane] as usize * width + columns[lane] as usize;
+            lanes[lane] = (z[lane] as usize * height + y[lane] as usize) * width + x[lane] as usize;
             most = most.max(lanes[lane]);
         }
         Self { lanes, most }
@@ -108,7 +110,7 @@ pub(super) fn texel_pairs<S: Simd>(
 ) -> [u32x16<S>; 4] {
     let count = 2 - usize::from(is_one);
     assert!(
-        firsts.most < texels.len() && offset + count <= texels.len() - firsts.most,
+        firsts.most < texels.len() && offset < texels.len() && offset + count <= texels.len() - firsts.most,
         "a texel lies beyond the volume's end"
     );
     let mut quads = [u32x16::splat(simd, 0); 4];
@@ -167,8 +169,8 @@ mod tests {
                 let found: [f32; LANES] = found.into();
                 assert_eq!(found, INDICES.map(|row| rows[row as usize][column]));
             }
-            // Two to a row.
-            let firsts = Firsts::new(indices >> 1, indices & 1, 2);
+            // Two to a row and to a column.
+            let firsts = Firsts::new([indices & 1, indices >> 1 & 1, indices >> 2], [2, 2]);
             for (is_one, next) in [(false, 1), (true, 0)] {
                 let words: [[u32; LANES]; 4] = texel_pairs(simd, &texels, &firsts, 18, is_one).map(Into::into);
                 for lane in 0..LANES {
@@ -185,10 +187,10 @@ mod tests {
     #[test]
     fn no_index_beyond_the_end_is_followed() {
         fn is_refused(of: impl Fn([u32; LANES]) + std::panic::RefUnwindSafe) {
-            for lane in 0..LANES {
+            for (lane, index) in (0..LANES).flat_map(|lane| [4, 1 << 31, u32::MAX].map(|index| (lane, index))) {
                 let mut indices = [0; LANES];
-                indices[lane] = 4;
-                assert!(std::panic::catch_unwind(|| of(indices)).is_err(), "lane {lane}");
+                indices[lane] = index;
+                assert!(std::panic::catch_unwind(|| of(indices)).is_err(), "{index} in lane {lane}");
             }
         }
         is_refused(|indices| {
@@ -203,11 +205,13 @@ mod tests {
         is_refused(|indices| {
             dispatch!(simd::level(), simd => { columns(simd, &[[0.0; 4]; 4], u32x16::from_slice(simd, &indices)); });
         });
-        for (length, offset, is_one) in [(6, 1, false), (5, 1, true), (4, 0, true), (0, 0, true)] {
+        for (length, offset, is_one) in
+            [(6, 1, false), (5, 1, true), (4, 0, true), (0, 0, true), (9, usize::MAX, true), (9, usize::MAX - 1, false)]
+        {
             is_refused(move |indices| {
                 dispatch!(simd::level(), simd => {
                     let zero = u32x16::splat(simd, 0);
-                    let firsts = Firsts::new(zero, u32x16::from_slice(simd, &indices), 1);
+                    let firsts = Firsts::new([u32x16::from_slice(simd, &indices), zero, zero], [1, 1]);
                     texel_pairs(simd, &vec![[0; 4]; length], &firsts, offset, is_one);
                 });
             });

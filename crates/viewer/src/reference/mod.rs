@@ -23,12 +23,11 @@ mod tile;
 
 use std::sync::Arc;
 
-use fearless_simd::{Simd, dispatch, f32x16};
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use glam::Vec3;
 use rayon::prelude::*;
 use voxrole_preprocess::simd;
 
-use crate::classify::lookup_tables::Changes;
 use crate::classify::{LookupTables, MacrocellRanges, MacrocellSamples};
 use crate::frame::Frame;
 use crate::scene::lines::lines;
@@ -57,8 +56,8 @@ pub struct RayMarcher<'a> {
     state: ViewState,
     tables: LookupTables,
     roles: Roles,
-    /// Of the roles, as far as pictures since they last changed have come by.
-    active: ActiveCells,
+    /// Where roles decide and rays may leap: of these roles and the frame's half step, as far as rays have come by.
+    active: Option<ActiveCells>,
     frame: Frame,
     surfaces: Arc<Surfaces>,
 }
@@ -108,10 +107,11 @@ impl<'a> RayMarcher<'a> {
     ) -> Result<Self> {
         check_size(image_size)?;
         let mut tables = LookupTables::new(&volume.description, MacrocellRanges::new(volume));
-        let (frame, _) = update(&mut tables, volume, state, image_size);
+        let frame = update(&mut tables, volume, state, image_size);
         let roles = Roles::new(tables.opacity(), &state.transfer_function);
-        let active = ActiveCells::new(tables.macrocells());
-        Ok(Self { volume, state: state.clone(), tables, roles, active, frame, surfaces })
+        let mut marcher = Self { volume, state: state.clone(), tables, roles, active: None, frame, surfaces };
+        marcher.renew_active(true);
+        Ok(marcher)
     }
 
     /// Draws another state from now on, with the surfaces of its scene, in `image_size` pixels; what is the same is not made
@@ -121,12 +121,14 @@ impl<'a> RayMarcher<'a> {
     /// [`Error::PictureSize`] as [`Self::new`].
     pub fn look_at(&mut self, state: &ViewState, image_size: [u32; 2], surfaces: Arc<Surfaces>) -> Result<()> {
         check_size(image_size)?;
-        let changes;
-        (self.frame, changes) = update(&mut self.tables, self.volume, state, image_size);
-        self.forget_cells(changes);
-        if self.state.transfer_function != state.transfer_function {
+        let frame = update(&mut self.tables, self.volume, state, image_size);
+        let are_others = self.state.transfer_function != state.transfer_function;
+        if are_others {
             self.roles = Roles::new(self.tables.opacity(), &state.transfer_function);
         }
+        let is_outdated = are_others || frame.half_step != self.frame.half_step;
+        self.frame = frame;
+        self.renew_active(is_outdated);
         self.state = state.clone();
         self.surfaces = surfaces;
         Ok(())
@@ -135,15 +137,16 @@ impl<'a> RayMarcher<'a> {
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        let changes;
-        (self.frame, changes) = self.tables.update(&self.state, self.frame.image_size);
-        self.forget_cells(changes);
+        let (frame, _) = self.tables.update(&self.state, self.frame.image_size);
+        let is_outdated = frame.half_step != self.frame.half_step;
+        self.frame = frame;
+        self.renew_active(is_outdated);
     }
 
-    /// Cells show something by the same that macrocells are occupied by.
-    fn forget_cells(&mut self, changes: Changes) {
-        if changes.occupancy {
-            self.active = ActiveCells::new(self.tables.macrocells());
+    fn renew_active(&mut self, is_outdated: bool) {
+        let is_asked = self.frame.classification == Classification::Roles && self.tables.occupancy().is_some();
+        if is_outdated || !is_asked || self.active.is_none() {
+            self.active = is_asked.then(|| ActiveCells::new(self.tables.macrocells()));
         }
     }
 
@@ -187,12 +190,17 @@ impl<'a> RayMarcher<'a> {
     /// The light of every pixel, or of some of them alone where the picture is given up meanwhile.
     #[must_use]
     pub fn watched_light(&self, watch: &Watch) -> (LightPicture, SampleCounts) {
+        self.light_at_level(simd::level(), watch)
+    }
+
+    /// The same with some of the processor's instructions: the bits are the same with all.
+    fn light_at_level(&self, level: Level, watch: &Watch) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
         let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
         let opaque = self.opaque();
         let bands = pixels.par_chunks_mut(TILE * width as usize).enumerate().map(|(band, pixels)| {
             let opaque = opaque.get(band * TILE * width as usize..).unwrap_or_default();
-            dispatch!(simd::level(), simd => march_band(simd, self, band * TILE, pixels, opaque, watch))
+            dispatch!(level, simd => march_band(simd, self, band * TILE, pixels, opaque, watch))
         });
         let counts = bands.reduce(SampleCounts::default, SampleCounts::plus);
         (LightPicture { width, height, pixels }, counts)
@@ -249,18 +257,13 @@ fn check_size([width, height]: [u32; 2]) -> Result<()> {
 }
 
 /// Brings the tables of a volume up to date with a state.
-fn update(
-    tables: &mut LookupTables,
-    volume: &VolumeTexels,
-    state: &ViewState,
-    image_size: [u32; 2],
-) -> (Frame, Changes) {
+fn update(tables: &mut LookupTables, volume: &VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Frame {
     if state.render_settings.shading.occlusion <= 0.0 {
         tables.drop_samples();
     } else if !tables.has_samples() {
         tables.set_samples(MacrocellSamples::new(volume));
     }
-    tables.update(state, image_size)
+    tables.update(state, image_size).0
 }
 
 /// Rows of pixels, of a tile's height.

@@ -62,8 +62,8 @@ pub(super) struct Rays<S: Simd> {
 /// How samples follow each other.
 enum Way<S: Simd> {
     Steps(Steps<S>),
-    /// The cell that the ray is in, by the indices of its lowest voxel.
-    Cells(Directions<S>),
+    /// The cell that the ray is in, by the indices of its lowest voxel, and which of its pieces comes next.
+    Cells(Directions<S>, f32x16<S>),
 }
 
 impl<S: Simd> Rays<S> {
@@ -80,7 +80,7 @@ impl<S: Simd> Rays<S> {
             inverse[axis] = 1.0 / is_zero.select(splat(simd, 1e-20), direction[axis]);
         }
         let go_on = mask32x16::from_bitmask(simd, pixels.are_there.into());
-        let way = Way::Cells([zero; 3]);
+        let way = Way::Cells([zero; 3], zero);
         let mut rays = Self {
             origin,
             direction,
@@ -104,7 +104,7 @@ impl<S: Simd> Rays<S> {
             }
             rays.progress = rays.entry;
             let first = rays.cell(simd, frame, rays.entry);
-            rays.way = Way::Cells(first);
+            rays.way = Way::Cells(first, zero);
             rays.cells_between(simd, frame, &first)
         } else {
             rays.exit = rays.exit.min(opaque);
@@ -151,7 +151,7 @@ impl<S: Simd> Rays<S> {
     pub(super) fn share_of_face(&self, simd: S, frame: &Frame, lane: usize, along: f32, step: f32) -> f32 {
         let first = match &self.way {
             Way::Steps(steps) => Some(steps.at(simd, frame, self, splat(simd, 0.0)).along[lane]),
-            Way::Cells(_) => None,
+            Way::Cells(..) => None,
         };
         if first == Some(along) { 1.0 } else { share_of_face(along, step, self.entry[lane]) }
     }
@@ -171,7 +171,9 @@ impl<S: Simd> Rays<S> {
             #[inline(always)]
             || match self.way {
                 Way::Steps(steps) => self.advance_by_steps(simd, sampler, skipping, first_ray, batch, &steps),
-                Way::Cells(cell) => self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cell),
+                Way::Cells(cell, piece) => {
+                    self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cell, piece)
+                }
             },
         )
     }
@@ -235,6 +237,7 @@ impl<S: Simd> Rays<S> {
         first_ray: usize,
         batch: &mut Batch,
         mut cell: Directions<S>,
+        mut piece: f32x16<S>,
     ) -> u64 {
         let frame = sampler.frame;
         let mut taken = 0;
@@ -250,20 +253,23 @@ impl<S: Simd> Rays<S> {
             let Seen { are_sampled, leap, distance } = look(simd, sampler, skipping, &cell, run);
             let exits = self.exits(simd, frame, &cell);
             let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
-            taken += u64::from(are_sampled.to_bitmask().count_ones());
+            let zero = splat(simd, 0.0);
+            let mut is_through = mask32x16::splat(simd, true);
             if are_sampled.any_true() {
+                taken += u64::from((are_sampled & piece.simd_eq(0.0)).to_bitmask().count_ones());
                 let pieces = ((end - along) / (2.0 * frame.half_step)).ceil();
                 let step = (end - along) / pieces;
-                let mut piece = 0.0;
-                let mut are_left = are_sampled & pieces.simd_gt(piece);
+                let mut are_left = are_sampled & piece.simd_lt(pieces);
                 while are_left.any_true() {
                     let middle = along + (piece + 0.5) * step;
                     let places = sampler.places(&cell, self.fractions(simd, sampler, &cell, middle));
                     batch.push(simd, are_left, first_ray, &places, middle, step, step * 0.5);
                     waiting = are_left.select(waiting + 1, waiting);
-                    piece += 1.0;
-                    are_left &= pieces.simd_gt(piece);
+                    piece = are_left.select(piece + 1.0, piece);
+                    are_left &= piece.simd_lt(pieces) & waiting.simd_lt(MOST_WAITING);
                 }
+                // The others rest, and go on in this cell.
+                is_through = !(are_sampled & piece.simd_lt(pieces));
             }
             let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
             if leap.any_true() {
@@ -274,14 +280,16 @@ impl<S: Simd> Rays<S> {
                     next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
                 }
             }
-            along = run.select(next_along, along);
+            let is_through = is_through & run;
+            piece = is_through.select(zero, piece);
+            along = is_through.select(next_along, along);
             for axis in 0..3 {
-                cell[axis] = run.select(next_cell[axis], cell[axis]);
+                cell[axis] = is_through.select(next_cell[axis], cell[axis]);
             }
             run &= waiting.simd_lt(MOST_WAITING);
         }
         self.progress = along;
-        self.way = Way::Cells(cell);
+        self.way = Way::Cells(cell, piece);
         taken
     }
 

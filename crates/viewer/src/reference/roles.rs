@@ -1,4 +1,4 @@
-//! Opacity and colour by role, out of tables that are made to be read fast by one sample after another.
+//! Opacity and colour by role, out of tables that are made to be read fast by sixteen samples at once.
 
 // No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
 #![allow(clippy::needless_range_loop, reason = "see above")]

@@ -4,8 +4,8 @@
 //! `v = Σ w_i v_i`. Every voxel with a hit predicts the signed distance at `p` by its own plane,
 //! `d_i(p) = d_i + n_i · (p − x_i)`, because d grows along the normal towards the high-value side, and gives
 //! `α_i = αu(v, g_i) · αd(d_i(p))` with its own gradient magnitude at the hit; where opacity is integrated along a step, αd is
-//! that of the whole stretch of its plane's distances, see [`crate::classify::preintegration`]. Then `α = Σ w_i α_i`, and colour and
-//! normal are the means weighted by `w_i α_i`.
+//! that of the whole stretch of its plane's distances, see [`crate::classify::preintegration`]. Then `α = Σ w_i α_i`, and
+//! colour and normal are the means weighted by `w_i α_i`.
 //!
 //! Distances are never interpolated, so that +m beside −m on the medial surface between two boundaries does not pass
 //! through 0 and draw a phantom sheet; a voxel without a hit contributes nothing; gradient magnitudes, which are labels,
@@ -94,14 +94,13 @@ impl<'a> Sampler<'a> {
     /// The same as places.
     #[inline(always)]
     pub(super) fn places<S: Simd>(&self, cells: &Directions<S>, fractions: Directions<S>) -> Places<S> {
-        let [x, y, z] = [cells[0], cells[1], cells[2]];
-        Places { rows: whole(z) * self.frame.dims[1] + whole(y), columns: whole(x), fractions }
+        Places { cells: [whole(cells[0]), whole(cells[1]), whole(cells[2])], fractions }
     }
 
     /// Where in the volume the lowest voxels of places' cells lie.
     #[inline(always)]
     pub(super) fn firsts<S: Simd>(&self, places: &Places<S>) -> Firsts {
-        Firsts::new(places.rows, places.columns, self.frame.dims[0] as usize)
+        Firsts::new(places.cells, [self.frame.dims[0] as usize, self.frame.dims[1] as usize])
     }
 }
 

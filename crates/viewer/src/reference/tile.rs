@@ -33,13 +33,11 @@ pub(super) struct Tiles<'a, S: Simd> {
 
 impl<'a, S: Simd> Tiles<'a, S> {
     pub(super) fn new(marcher: &'a RayMarcher<'a>) -> Self {
-        let by_value = marcher.by_value();
-        let occupancy = marcher.tables.occupancy();
-        let active = Some(&marcher.active).filter(|_| by_value.is_none());
+        let (occupancy, active) = (marcher.tables.occupancy(), marcher.active.as_ref());
         let keeps_own = marcher.tables.occlusion().is_some() || marcher.frame.plane_count > 0;
         Self {
             marcher,
-            question: Question { sampler: marcher.sampler(), by_value, keeps_own },
+            question: Question { sampler: marcher.sampler(), by_value: marcher.by_value(), keeps_own },
             skipping: occupancy.map(|occupancy| Skipping { occupancy, active }),
             rays: Vec::new(),
             ways: Ways::default(),

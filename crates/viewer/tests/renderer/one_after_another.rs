@@ -46,6 +46,28 @@ fn what_is_kept_between_pictures_changes_nothing() {
 }
 
 #[test]
+fn what_reaches_farther_for_another_reason_is_seen() {
+    let phantom = Phantom::concentric_shells();
+    let (volume, mut state) = (phantom.texels(), phantom.state(Camera::default()));
+    state.render_settings.integration = Integration::PostClassified;
+    for d_c in [0.5, 1.0, 2.0, 3.0] {
+        let mut set = |d_c, step| {
+            state.transfer_function.emphasis.high.d_c = d_c;
+            state.transfer_function.emphasis.low.d_c = d_c;
+            state.render_settings.step = step;
+            state.clone()
+        };
+        let mut kept = RayMarcher::new(&volume, &set(d_c, 1.0), [64, 48]).expect("a size");
+        let _ = kept.draw();
+        // As far as macrocells are asked this is the same.
+        let after = set(d_c + 0.25, 0.5);
+        kept.look_at(&after, [64, 48], Arc::default()).expect("a size");
+        let fresh = RayMarcher::new(&volume, &after, [64, 48]).expect("a size");
+        assert!(kept.draw_and_count() == fresh.draw_and_count(), "{d_c}");
+    }
+}
+
+#[test]
 fn a_picture_that_is_given_up_takes_no_samples() {
     let phantom = Phantom::ball();
     let (volume, state) = (phantom.texels(), phantom.state(Camera::default()));

@@ -235,11 +235,13 @@ fn unit_or_zero(vector: Vec3) -> Vec3 {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use fearless_simd::Level;
     use proptest::prelude::*;
     use voxrole_pack::{DistanceQuantization, GridGeometry, HitGradientQuantization, Precision};
 
     use super::*;
     use crate::ViewState;
+    use crate::Watch;
     use crate::state::{Camera, Classification, Integration, Projection, Region, Technique};
     use crate::volume::VolumeDescription;
 
@@ -282,7 +284,7 @@ pub(super) mod tests {
             seed in any::<u64>(),
             (azimuth, elevation, zoom) in (0_u32..24, 0_u32..13, 0.7_f32..3.0),
             (is_parallel, jitter, cuts, has_box, darkens) in any::<(bool, bool, bool, bool, bool)>(),
-            (step, opacity) in (prop::sample::select(vec![0.3_f32, 1.0, 2.7]), 0.1_f32..1.0),
+            (step, opacity) in (prop::sample::select(vec![0.06_f32, 0.3, 1.0, 2.7]), 0.1_f32..1.0),
         ) {
             let volume = volume(dims, seed);
             // Multiples of 15 degrees: along axes and diagonals too.
@@ -308,6 +310,12 @@ pub(super) mod tests {
             let marcher = RayMarcher::new(&volume, &state, [19, 21]).expect("a picture");
             let ((found, counts), (expected, all)) = (marcher.light(), light(&marcher));
             prop_assert_eq!(counts.all, all);
+            // On every processor.
+            let (plain, _) = marcher.light_at_level(Level::baseline(), &Watch::default());
+            let bits = |picture: &LightPicture| -> Vec<_> {
+                picture.pixels.iter().map(|pixel| (pixel.light.to_array().map(f32::to_bits), pixel.depth.to_bits())).collect()
+            };
+            prop_assert_eq!(bits(&found), bits(&plain));
             let (mut sum, mut moved) = (0.0, 0);
             for (pixel, (found, expected)) in found.pixels.iter().zip(&expected.pixels).enumerate() {
                 let off = (found.light - expected.light).abs().max_element();

@@ -1,4 +1,4 @@
-// Empty space: the twin of classify/macrocells.rs.
+// Empty space: the twin of classify/macrocells.rs and reference/rays.rs.
 
 // Cells along a side of a macrocell.
 const MACROCELL: i32 = 4;

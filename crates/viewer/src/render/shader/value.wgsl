@@ -1,4 +1,4 @@
-// Colour and opacity by value, or as stored: the twin of classify/value_table.rs and reference/value.rs.
+// Colour and opacity by value, or as stored: the twin of classify/value_table.rs and reference/by_value.rs.
 
 const BY_ROLES: u32 = 0u;
 const STORED: u32 = 1u;
