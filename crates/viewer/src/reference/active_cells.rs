@@ -29,7 +29,7 @@ const UNKNOWN: u64 = 0;
 const NONE: u64 = 1 << 63;
 
 /// The cells of one volume that one transfer function shows, as far as rays have come by.
-pub struct ActiveCells {
+pub(super) struct ActiveCells {
     /// Macrocells along x and y.
     dims: [usize; 2],
     masks: Vec<AtomicU64>,
@@ -37,10 +37,14 @@ pub struct ActiveCells {
 
 impl ActiveCells {
     /// Those of a volume of so many macrocells, of which nothing is known yet.
-    #[must_use]
-    pub fn new([nx, ny, nz]: [usize; 3]) -> Self {
+    pub(super) fn new([nx, ny, nz]: [usize; 3]) -> Self {
         let masks = std::iter::repeat_with(|| AtomicU64::new(UNKNOWN)).take(nx * ny * nz).collect();
         Self { dims: [nx, ny], masks }
+    }
+
+    /// Forgets all of them, in the memory that is there.
+    pub(super) fn forget(&mut self) {
+        self.masks.iter_mut().for_each(|mask| *mask.get_mut() = UNKNOWN);
     }
 
     /// A bit for each cell of a macrocell that can show something, x fastest.

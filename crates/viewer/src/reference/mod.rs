@@ -145,8 +145,10 @@ impl<'a> RayMarcher<'a> {
 
     fn renew_active(&mut self, is_outdated: bool) {
         let is_asked = self.frame.classification == Classification::Roles && self.tables.occupancy().is_some();
-        if is_outdated || !is_asked || self.active.is_none() {
-            self.active = is_asked.then(|| ActiveCells::new(self.tables.macrocells()));
+        match &mut self.active {
+            Some(active) if is_asked && is_outdated => active.forget(),
+            Some(_) if is_asked => {}
+            active => *active = is_asked.then(|| ActiveCells::new(self.tables.macrocells())),
         }
     }
 
