@@ -1,11 +1,11 @@
 """The CPU ray caster beside VTK's fixed-point one (VTK from PyPI): seconds for a picture of the same size and view at the same
-step, by turns, and both pictures into a folder.
+step, the mean of a turn's, by turns, and both pictures into a folder.
 
 python3 tests/peers/vtk_render.py VOXROLE_VIEW VOXROLE OUT VOLUME...
 
 VTK's transfer function is made from the regions that voxrole-view proposes: opaque within their values, and at their gradient
-magnitudes. By value both have the same one, a curve over the volume's values. VTK's first picture, which builds its tables of
-gradients, does not count, nor does reading and making ready.
+magnitudes. By value both have the same one, a curve over the volume's values. The first picture does not count, for which VTK builds its
+tables of gradients and voxrole-view finds the cells that show something, nor does reading and making ready.
 """
 
 import math
@@ -19,7 +19,10 @@ import vtk
 
 SIZE = 512
 ROUNDS = 5
+# Views of a turn; the first one does not count.
+VIEWS = 6
 FIELD_OF_VIEW = 30.0
+AZIMUTH, ELEVATION = 30, 20
 # Opacity and colour at shares of the range of values.
 CURVE = [
     (0.0, "000000", 0.0),
@@ -138,15 +141,20 @@ class Vtk:
         writer.Write()
 
 
-def drawn(view, file, picture, azimuth, elevation, regions, options):
+def drawn(view, file, picture, regions, options, frames):
     said = subprocess.run(
         [view, "render", file, "-o", picture, "--size", f"{SIZE}x{SIZE}", "--cpu", "--stats", "--step", "1"]
-        + ["--camera", f"{azimuth},{elevation}", *regions, *options],
+        + ["--camera", f"{AZIMUTH},{ELEVATION}", "--frames", str(frames), *regions, *options],
         check=True,
         capture_output=True,
         text=True,
     ).stderr
     return float(re.search(r"drawn in ([0-9.]+) s", said)[1])
+
+
+def drawn_later(*arguments):
+    """Seconds for a picture of a turn, the first one left out."""
+    return (drawn(*arguments, VIEWS) - drawn(*arguments, 1)) / (VIEWS - 1)
 
 
 def main(view, voxrole, out, *volumes):
@@ -172,13 +180,13 @@ def main(view, voxrole, out, *volumes):
 
 
 def compare(view, picture, packed, peer, by, typed):
-    peer.draw(0, 0)
+    peer.draw(AZIMUTH, ELEVATION)
+    turn = [AZIMUTH + 360 * number / VIEWS for number in range(1, VIEWS)]
     ours, plain, theirs = [], [], []
-    for turn in range(ROUNDS):
-        camera = (30 + 15 * turn, 20)
-        ours.append(drawn(view, packed, picture + ".png", *camera, typed, []))
-        plain.append(drawn(view, packed, picture + "-post.png", *camera, typed, ["--integration", "post"]))
-        theirs.append(peer.draw(*camera))
+    for _ in range(ROUNDS):
+        ours.append(drawn_later(view, packed, picture + ".png", typed, []))
+        plain.append(drawn_later(view, packed, picture + "-post.png", typed, ["--integration", "post"]))
+        theirs.append(statistics.mean(peer.draw(azimuth, ELEVATION) for azimuth in turn))
     peer.save(picture + "-vtk.png")
     times = [statistics.median(seconds) for seconds in (ours, plain, theirs)]
     ratios = [statistics.median(other / own for own, other in zip(seconds, theirs)) for seconds in (ours, plain)]
