@@ -1,7 +1,7 @@
 //! The CPU ray marcher: the oracle of the GPU one, and what draws where there is no GPU.
 //!
 //! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
-//! `shading.wgsl`, and [`tile`] is `compositing.wgsl`. Pictures of the two differ by rounding alone. What a shader does for
+//! `shading.wgsl`, and `tile` is `compositing.wgsl`. Pictures of the two differ by rounding alone. What a shader does for
 //! one sample is done for sixteen here, in the lanes of vectors: samples of a tile's rays wait until there are many.
 
 mod active_cells;

@@ -62,8 +62,16 @@ pub(super) struct Rays<S: Simd> {
 /// How samples follow each other.
 enum Way<S: Simd> {
     Steps(Steps<S>),
-    /// The cell that the ray is in, by the indices of its lowest voxel, and which of its pieces comes next.
-    Cells(Directions<S>, f32x16<S>),
+    Cells(Cells<S>),
+}
+
+/// Where rays are that go from cell to cell.
+#[derive(Clone, Copy)]
+struct Cells<S: Simd> {
+    /// The cell, by the indices of its lowest voxel.
+    cell: Directions<S>,
+    /// Which of its pieces comes next.
+    piece: f32x16<S>,
 }
 
 impl<S: Simd> Rays<S> {
@@ -80,7 +88,7 @@ impl<S: Simd> Rays<S> {
             inverse[axis] = 1.0 / is_zero.select(splat(simd, 1e-20), direction[axis]);
         }
         let go_on = mask32x16::from_bitmask(simd, pixels.are_there.into());
-        let way = Way::Cells([zero; 3], zero);
+        let way = Way::Cells(Cells { cell: [zero; 3], piece: zero });
         let mut rays = Self {
             origin,
             direction,
@@ -104,7 +112,7 @@ impl<S: Simd> Rays<S> {
             }
             rays.progress = rays.entry;
             let first = rays.cell(simd, frame, rays.entry);
-            rays.way = Way::Cells(first, zero);
+            rays.way = Way::Cells(Cells { cell: first, piece: zero });
             rays.cells_between(simd, frame, &first)
         } else {
             rays.exit = rays.exit.min(opaque);
@@ -151,7 +159,7 @@ impl<S: Simd> Rays<S> {
     pub(super) fn share_of_face(&self, simd: S, frame: &Frame, lane: usize, along: f32, step: f32) -> f32 {
         let first = match &self.way {
             Way::Steps(steps) => Some(steps.at(simd, frame, self, splat(simd, 0.0)).along[lane]),
-            Way::Cells(..) => None,
+            Way::Cells(_) => None,
         };
         if first == Some(along) { 1.0 } else { share_of_face(along, step, self.entry[lane]) }
     }
@@ -171,9 +179,7 @@ impl<S: Simd> Rays<S> {
             #[inline(always)]
             || match self.way {
                 Way::Steps(steps) => self.advance_by_steps(simd, sampler, skipping, first_ray, batch, &steps),
-                Way::Cells(cell, piece) => {
-                    self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cell, piece)
-                }
+                Way::Cells(cells) => self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cells),
             },
         )
     }
@@ -236,8 +242,7 @@ impl<S: Simd> Rays<S> {
         skipping: Option<Skipping<'_>>,
         first_ray: usize,
         batch: &mut Batch,
-        mut cell: Directions<S>,
-        mut piece: f32x16<S>,
+        Cells { mut cell, mut piece }: Cells<S>,
     ) -> u64 {
         let frame = sampler.frame;
         let mut taken = 0;
@@ -289,7 +294,7 @@ impl<S: Simd> Rays<S> {
             run &= waiting.simd_lt(MOST_WAITING);
         }
         self.progress = along;
-        self.way = Way::Cells(cell, piece);
+        self.way = Way::Cells(Cells { cell, piece });
         taken
     }
 
