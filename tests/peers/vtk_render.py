@@ -1,11 +1,11 @@
 """The CPU ray caster beside VTK's fixed-point one (VTK from PyPI): seconds for a picture of the same size and view at the same
-step, the mean of a turn's, by turns, and both pictures into a folder.
+step, the mean of a turn's, by turns, and the pictures into a folder; VTK's is the turn's last.
 
 python3 tests/peers/vtk_render.py VOXROLE_VIEW VOXROLE OUT VOLUME...
 
 VTK's transfer function is made from the regions that voxrole-view proposes: opaque within their values, and at their gradient
 magnitudes. By value both have the same one, a curve over the volume's values. The first picture does not count, for which VTK builds its
-tables of gradients and voxrole-view finds the cells that show something, nor does reading and making ready.
+tables of gradients and voxrole-view, by role, finds most of the cells that show something, nor does reading and making ready.
 """
 
 import math
@@ -70,7 +70,7 @@ class Vtk:
         self.curve = [(low + share * (high - low), colour, alpha) for share, colour, alpha in CURVE]
         volume = vtk.vtkVolume()
         volume.SetMapper(self.mapper)
-        volume.SetProperty(self.of_regions(regions) if regions else self.by_value())
+        volume.SetProperty(self.by_value() if regions is None else self.of_regions(regions))
         renderer = vtk.vtkRenderer()
         renderer.AddVolume(volume)
         self.window = vtk.vtkRenderWindow()
@@ -169,7 +169,7 @@ def main(view, voxrole, out, *volumes):
         regions = regions_of(view, packed)
         peer = Vtk(nrrd)
         curve = ";".join(f"{value},{colour},{alpha}" for value, colour, alpha in peer.curve)
-        typed = ["--classify", "value", "--curve", curve]
+        typed = ["--classify", "value", f"--curve={curve}"]
         compare(view, os.path.join(out, name + "-by-value"), packed, peer, "value", typed)
         peer = Vtk(nrrd, regions)
         typed = []

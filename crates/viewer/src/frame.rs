@@ -193,8 +193,12 @@ impl Frame {
     /// By how much a ray's parameter grows per unit along each axis; finite.
     #[must_use]
     pub fn inverse_direction(ray: &Ray) -> Vec3 {
-        // A component of exactly 0 would make 0 · ∞.
-        let nonzero = |component: f32| if component.abs() < 1e-20 { 1e-20 } else { component };
+        // A component of exactly 0 would make 0 · ∞. All others keep their sign, by which rays go forwards or backwards.
+        let nonzero = |component: f32| match component {
+            0.0..1e-20 => 1e-20,
+            -1e-20..0.0 => -1e-20,
+            _ => component,
+        };
         Vec3::new(nonzero(ray.direction.x), nonzero(ray.direction.y), nonzero(ray.direction.z)).recip()
     }
 

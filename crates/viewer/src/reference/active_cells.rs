@@ -1,7 +1,7 @@
 //! Which cells can show something: a bit for each cell of a macrocell, worked out when the first ray comes by.
 //!
-//! Ranges over whole macrocells ([`crate::classify::macrocells`]) say where nothing can be drawn; in what is left four of ten
-//! samples of the real volumes that this was measured on show nothing all the same.
+//! Ranges over whole macrocells ([`crate::classify::macrocells`]) say where nothing can be drawn; in what is left four to five
+//! of ten cells along rays show nothing all the same, in the volumes that this was measured on.
 
 // No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
 #![allow(clippy::needless_range_loop, reason = "see above")]

@@ -7,7 +7,7 @@ use fearless_simd::{Select, Simd, SimdBase, SimdMask, f32x16, mask32x16, u32x16}
 use glam::Vec4;
 
 use super::by_role;
-use super::by_value::{self, ByValue, Steps};
+use super::by_value::{self, ByValue, Stretches};
 use super::corners::Places;
 use super::gathers::columns;
 use super::lanes::{LANES, power, splat, store_columns};
@@ -168,7 +168,7 @@ impl Batch {
             Some(by_value) => {
                 let [x, y, z, _] = columns(simd, &ways.origins, rays);
                 let alongs = f32x16::from_slice(simd, &self.alongs[all.clone()]);
-                let steps = Steps { origins: [x, y, z], directions, alongs, half_steps };
+                let steps = Stretches { origins: [x, y, z], directions, alongs, half_steps };
                 by_value::sample(simd, by_value, sampler, &places, &steps)
             }
         };

@@ -21,8 +21,8 @@ pub(super) enum ByValue<'a> {
     Stored,
 }
 
-/// Steps along sixteen rays.
-pub(super) struct Steps<S: Simd> {
+/// What samples stand for along sixteen rays.
+pub(super) struct Stretches<S: Simd> {
     pub(super) origins: Directions<S>,
     pub(super) directions: Directions<S>,
     /// Where along the rays their middles lie.
@@ -31,7 +31,7 @@ pub(super) struct Steps<S: Simd> {
     pub(super) half_steps: Option<f32x16<S>>,
 }
 
-impl<S: Simd> Steps<S> {
+impl<S: Simd> Stretches<S> {
     #[inline(always)]
     fn positions(&self, alongs: f32x16<S>) -> Directions<S> {
         let mut positions = self.origins;
@@ -49,7 +49,7 @@ pub(super) fn sample<S: Simd>(
     by_value: ByValue<'_>,
     sampler: &Sampler<'_>,
     places: &Places<S>,
-    steps: &Steps<S>,
+    steps: &Stretches<S>,
 ) -> Found<S> {
     let corners = Corners::read(simd, sampler, places);
     let table = match by_value {

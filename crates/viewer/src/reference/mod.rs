@@ -1,8 +1,9 @@
 //! The CPU ray marcher: the oracle of the GPU one, and what draws where there is no GPU.
 //!
-//! It follows the shaders chunk by chunk in single precision: [`sampling`] is `sampling.wgsl`, [`shading`] is
-//! `shading.wgsl`, and `tile` is `compositing.wgsl`. Pictures of the two differ by rounding alone. What a shader does for
-//! one sample is done for sixteen here, in the lanes of vectors: samples of a tile's rays wait until there are many.
+//! It follows the shaders chunk by chunk in single precision: `by_role` is `sampling.wgsl`, by the rule of [`sampling`],
+//! [`shading`] is `shading.wgsl`, and `rays` and `tile` are `compositing.wgsl`. Pictures of the two differ by rounding alone.
+//! What a shader does for one sample is done for sixteen here, in the lanes of vectors: samples of a tile's rays wait until
+//! there are many.
 
 mod active_cells;
 mod batch;
@@ -137,10 +138,7 @@ impl<'a> RayMarcher<'a> {
     /// Moves the camera; everything else stays.
     pub fn look_from(&mut self, camera: &Camera) {
         self.state.camera = *camera;
-        let (frame, _) = self.tables.update(&self.state, self.frame.image_size);
-        let is_outdated = frame.half_step != self.frame.half_step;
-        self.frame = frame;
-        self.renew_active(is_outdated);
+        (self.frame, _) = self.tables.update(&self.state, self.frame.image_size);
     }
 
     fn renew_active(&mut self, is_outdated: bool) {

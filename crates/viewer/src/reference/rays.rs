@@ -84,8 +84,8 @@ impl<S: Simd> Rays<S> {
         for axis in 0..3 {
             are_forward[axis] = direction[axis].simd_ge(0.0);
             // As `Frame::inverse_direction`.
-            let is_zero = direction[axis].abs().simd_lt(1e-20);
-            inverse[axis] = 1.0 / is_zero.select(splat(simd, 1e-20), direction[axis]);
+            let least = are_forward[axis].select(splat(simd, 1e-20), splat(simd, -1e-20));
+            inverse[axis] = 1.0 / direction[axis].abs().simd_lt(1e-20).select(least, direction[axis]);
         }
         let go_on = mask32x16::from_bitmask(simd, pixels.are_there.into());
         let way = Way::Cells(Cells { cell: [zero; 3], piece: zero });
@@ -278,8 +278,7 @@ impl<S: Simd> Rays<S> {
             }
             let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
             if leap.any_true() {
-                let beyond = self.leaves_cells_of_macrocells(simd, frame, &cell, distance);
-                let cell_beyond = self.cell(simd, frame, beyond);
+                let (beyond, cell_beyond) = self.leap(simd, frame, &cell, distance);
                 next_along = leap.select(beyond, next_along);
                 for axis in 0..3 {
                     next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
@@ -354,21 +353,24 @@ impl<S: Simd> Rays<S> {
         nearest
     }
 
-    /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell.
+    /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell, and the cell there.
     #[inline(always)]
-    fn leaves_cells_of_macrocells(
-        &self,
-        simd: S,
-        frame: &Frame,
-        cell: &Directions<S>,
-        distance: f32x16<S>,
-    ) -> f32x16<S> {
-        let mut nearest = splat(simd, f32::INFINITY);
+    fn leap(&self, simd: S, frame: &Frame, cell: &Directions<S>, distance: f32x16<S>) -> (f32x16<S>, Directions<S>) {
+        let never = splat(simd, f32::INFINITY);
+        let (mut planes, mut places) = ([never; 3], [never; 3]);
         for axis in 0..3 {
-            let plane = self.beyond_macrocells(axis, cell, distance);
-            nearest = nearest.min(self.crossing(simd, frame, axis, plane, f32::INFINITY));
+            planes[axis] = self.beyond_macrocells(axis, cell, distance);
+            places[axis] = self.crossing(simd, frame, axis, planes[axis], f32::INFINITY);
         }
-        nearest
+        let along = places[0].min(places[1]).min(places[2]);
+        // Whatever rounding does far from the eye, a leap ends behind the plane that it leads to.
+        let mut beyond = self.cell(simd, frame, along);
+        for axis in 0..3 {
+            let (found, plane) = (beyond[axis], planes[axis]);
+            let behind = self.are_forward[axis].select(found.max(plane), found.min(plane - 1.0));
+            beyond[axis] = places[axis].simd_le(along).select(behind, found);
+        }
+        (along, beyond)
     }
 
     /// The voxel across an axis at which macrocells begin that are `distance` away from that of a cell.

@@ -54,12 +54,6 @@ impl Roles {
         Self { runs, lit, bins, roles, scales, emphases, cells }
     }
 
-    /// αd by distance.
-    #[must_use]
-    pub fn emphases(&self) -> &EmphasisTable {
-        &self.emphases
-    }
-
     /// Nothing farther from its boundary than this is drawn, steps of no length taken.
     #[must_use]
     #[inline(always)]

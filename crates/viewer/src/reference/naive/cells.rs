@@ -8,7 +8,6 @@ use std::cmp::Ordering;
 
 use glam::{BVec3, Vec3};
 
-use crate::classify::macrocells::MACROCELL;
 use crate::frame::{Frame, Ray};
 
 /// A ray through a grid of cells, which are given by the indices of their lowest voxels; the outermost ones have no outer
@@ -72,14 +71,6 @@ impl CellRay {
         let planes = cell + Vec3::select(self.is_forward, Vec3::ZERO, Vec3::ONE);
         let is_inside = planes.cmpgt(Vec3::ZERO) & planes.cmple(self.last);
         Vec3::select(is_inside, self.places(planes), Vec3::splat(f32::NEG_INFINITY))
-    }
-
-    /// Where the cube of macrocells is left that are all closer than `distance` to that of a cell.
-    pub fn leaves(&self, cell: Vec3, distance: u8) -> f32 {
-        let side = MACROCELL as f32;
-        let (macrocell, distance) = ((cell * (1.0 / side)).floor(), f32::from(distance));
-        let planes = Vec3::select(self.is_forward, macrocell + distance, macrocell + (1.0 - distance)) * side;
-        self.crossings(planes).min_element()
     }
 
     /// Where planes between voxels are crossed; never, where there is no cell behind.
@@ -152,7 +143,6 @@ mod tests {
             (zoom, is_parallel) in (0.5_f32..6.0, any::<bool>()),
             dims in prop::array::uniform3(1_u32..20),
             pixel in 0_u32..256,
-            distance in 1_u8..4,
         ) {
             // Multiples of 15 degrees: along axes and diagonals too, where planes are crossed at once.
             let (azimuth, elevation) = (15.0 * azimuth as f32, 15.0 * elevation as f32 - 90.0);
@@ -171,13 +161,6 @@ mod tests {
                 let inside = index.clamp(cell - 1e-4, cell + 1.0 + 1e-4);
                 let is_slab = Vec3::from_array(dims.map(|dim| f32::from(u8::from(dim == 1))));
                 prop_assert!(((index - inside) * (1.0 - is_slab)).abs().max_element() == 0.0, "{index} {cell}");
-            }
-            // A leap ends where a walk comes by.
-            for &(cell, _) in &all {
-                let left = cells.leaves(cell, distance);
-                if left < ends[1] {
-                    prop_assert!(all.iter().any(|&(next, [begin, _])| begin == left && next == cells.cell(left)));
-                }
             }
         }
     }

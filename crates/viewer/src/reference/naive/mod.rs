@@ -330,4 +330,44 @@ pub(super) mod tests {
             prop_assert!(sum / (found.pixels.len() as f32) < 3e-4, "{sum}");
         }
     }
+
+    /// All that roles light of random voxels, from cell to cell.
+    fn state(camera: Camera) -> ViewState {
+        let mut state = ViewState { camera, ..ViewState::default() };
+        state.transfer_function.regions = vec!["0:0.8,0.1:0.7,FF8000,0.5".parse().expect("a region")];
+        state
+    }
+
+    #[test]
+    fn rays_that_all_but_follow_a_plane_come_to_an_end() {
+        let volume = volume([7; 3], 1);
+        for leaps in [true, false] {
+            let drawn = [0.0, 1e-25, -1e-25].map(|azimuth| {
+                let mut state = state(Camera { azimuth, elevation: 0.0, ..Camera::default() });
+                state.render_settings.leaps = leaps;
+                // Through the middle of an odd number of pixels.
+                RayMarcher::new(&volume, &state, [15, 15]).expect("a picture").light().0
+            });
+            for picture in &drawn[1..] {
+                for (found, expected) in picture.pixels.iter().zip(&drawn[0].pixels) {
+                    assert!((found.light - expected.light).abs().max_element() < 1e-4, "{found:?} is not {expected:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rays_from_far_away_come_to_an_end() {
+        let mut volume = volume([16, 16, 8192], 2);
+        // With much to leap over.
+        for (index, texel) in volume.texels.iter_mut().enumerate().filter(|(index, _)| index / 256 % 64 > 8) {
+            *texel = [0, DistanceQuantization::MASKED as u16, 0, index as u16];
+        }
+        let ([field_of_view, _], [zoom, _]) = (Camera::FIELD_OF_VIEW_RANGE, Camera::ZOOM_RANGE);
+        for (azimuth, elevation) in [(30.0, 80.0), (200.0, -5.0), (0.0, 90.0), (17.0, -89.0)] {
+            let state = state(Camera { azimuth, elevation, zoom, field_of_view, ..Camera::default() });
+            let (_, counts) = RayMarcher::new(&volume, &state, [255, 255]).expect("a picture").light();
+            assert!(counts.all > 0, "{counts:?}");
+        }
+    }
 }

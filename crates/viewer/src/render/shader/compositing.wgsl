@@ -1,4 +1,4 @@
-// Front-to-back compositing along a ray: the twin of reference/mod.rs.
+// Front-to-back compositing along a ray: the twin of reference/rays.rs and reference/tile.rs.
 
 // Where in the first step of a pixel's ray the first sample lies: R2, a sequence whose neighbours differ much.
 fn first_sample(pixel: vec2<u32>) -> f32 {

@@ -1,4 +1,4 @@
-// Rays that count: the twin of what reference/mod.rs counts. Only where COUNTS is set.
+// Rays that count: the twin of what reference/rays.rs counts. Only where COUNTS is set.
 
 struct Counted {
     @location(0) color: vec4<f32>,

@@ -1,4 +1,4 @@
-// Opacity, colour and normal between voxels: the twin of reference/sampling.rs, which explains the rule.
+// Opacity, colour and normal between voxels: the twin of reference/by_role.rs; reference/sampling.rs explains the rule.
 
 // How far a sample stands for its ray to either side; 0 where its place counts for all of that. Set by whoever samples.
 var<private> half_step: f32;

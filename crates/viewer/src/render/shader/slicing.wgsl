@@ -1,4 +1,4 @@
-// Slices, blended back to front by the device: the twin of slicing.rs.
+// Slices, blended back to front by the device: the twin of slicing.rs and reference/steps.rs.
 
 // How far outside of what is drawn a slice still counts for a ray, in slabs, and at most NEAR.
 const SLACK: f32 = 0.03125;

@@ -91,8 +91,8 @@ fn pixel_ray(pixel: vec2<f32>) -> Ray {
 }
 
 fn nonzero(component: f32) -> f32 {
-    // A component of exactly 0 would make 0 times infinity.
-    return select(component, 1e-20, abs(component) < 1e-20);
+    // A component of exactly 0 would make 0 times infinity. All others keep their sign, by which rays go forwards or backwards.
+    return select(component, select(1e-20, -1e-20, component < 0.0), abs(component) < 1e-20);
 }
 
 // By how much a ray's parameter grows per unit along each axis; finite.
