@@ -42,7 +42,7 @@ pub(super) struct Ways {
 
 /// What is asked of a batch.
 pub(super) struct Question<'a> {
-    pub(super) sampler: Sampler<'a>,
+    /// Where roles do not decide.
     pub(super) by_value: Option<ByValue<'a>>,
     /// Whether colours that no light falls on, and normals, are asked for.
     pub(super) keeps_own: bool,
@@ -130,21 +130,28 @@ impl Batch {
 
     /// Works all of them out.
     #[inline(never)]
-    pub(super) fn work_out<S: Simd>(&mut self, simd: S, question: &Question<'_>, ways: &Ways) {
+    pub(super) fn work_out<S: Simd>(&mut self, simd: S, sampler: &Sampler<'_>, question: &Question<'_>, ways: &Ways) {
         simd.vectorize(
             #[inline(always)]
             || {
                 // What is left of the last sixteen are zeros or samples of earlier batches: places in the volume all the same.
                 for first in (0..self.len).step_by(LANES) {
-                    self.work_out_sixteen(simd, question, ways, first);
+                    self.work_out_sixteen(simd, sampler, question, ways, first);
                 }
             },
         );
     }
 
     #[inline(always)]
-    fn work_out_sixteen<S: Simd>(&mut self, simd: S, question: &Question<'_>, ways: &Ways, first: usize) {
-        let Question { sampler, by_value, keeps_own } = question;
+    fn work_out_sixteen<S: Simd>(
+        &mut self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        question: &Question<'_>,
+        ways: &Ways,
+        first: usize,
+    ) {
+        let Question { by_value, keeps_own } = question;
         let all = first..first + LANES;
         let places = Places {
             cells: [

@@ -31,6 +31,13 @@ pub(super) struct Skipping<'a> {
     pub(super) active: Option<&'a ActiveCells>,
 }
 
+/// What rays go through.
+pub(super) struct Space<'a> {
+    pub(super) sampler: Sampler<'a>,
+    /// Where rays leap at all.
+    pub(super) skipping: Option<Skipping<'a>>,
+}
+
 /// Pixels whose rays go side by side.
 pub(super) struct Pixels {
     /// Counted from the top left of the picture.
@@ -167,19 +174,12 @@ impl<S: Simd> Rays<S> {
     /// Goes on, until enough samples wait or all rays have ended. At how many places, or in how many cells, the volume is to be
     /// sampled.
     #[inline(never)]
-    pub(super) fn advance(
-        &mut self,
-        simd: S,
-        sampler: &Sampler<'_>,
-        skipping: Option<Skipping<'_>>,
-        first_ray: usize,
-        batch: &mut Batch,
-    ) -> u64 {
+    pub(super) fn advance(&mut self, simd: S, space: &Space<'_>, first_ray: usize, batch: &mut Batch) -> u64 {
         simd.vectorize(
             #[inline(always)]
             || match self.way {
-                Way::Steps(steps) => self.advance_by_steps(simd, sampler, skipping, first_ray, batch, &steps),
-                Way::Cells(cells) => self.advance_by_cells(simd, sampler, skipping, first_ray, batch, cells),
+                Way::Steps(steps) => self.advance_by_steps(simd, space, first_ray, batch, &steps),
+                Way::Cells(cells) => self.advance_by_cells(simd, space, first_ray, batch, cells),
             },
         )
     }
@@ -189,22 +189,19 @@ impl<S: Simd> Rays<S> {
     fn advance_by_steps(
         &mut self,
         simd: S,
-        sampler: &Sampler<'_>,
-        skipping: Option<Skipping<'_>>,
+        space: &Space<'_>,
         first_ray: usize,
         batch: &mut Batch,
         steps: &Steps<S>,
     ) -> u64 {
-        let frame = sampler.frame;
+        let (sampler, frame) = (&space.sampler, space.sampler.frame);
         let slack = self.slack(simd, frame);
         let mut taken = 0;
         let mut waiting = u32x16::splat(simd, 0);
         let (mut count, mut run) = (self.progress, self.go_on);
         loop {
             let Samples { exist, along, step, half_step } = steps.at(simd, frame, self, count);
-            self.go_on &= exist | !run;
-            run &= exist;
-            if !run.any_true() {
+            if !self.run_on(&mut run, exist) {
                 break;
             }
             let mut position = self.origin;
@@ -212,7 +209,7 @@ impl<S: Simd> Rays<S> {
                 position[axis] += along * self.direction[axis];
             }
             let [cell, fractions] = sampler.cells(simd, &position);
-            let Seen { are_sampled, leap, distance } = look(simd, sampler, skipping, &cell, run);
+            let Seen { are_sampled, leap, distance } = space.look(simd, &cell, run);
             taken += u64::from(are_sampled.to_bitmask().count_ones());
             if are_sampled.any_true() {
                 batch.push(simd, are_sampled, first_ray, &sampler.places(&cell, fractions), along, step, half_step);
@@ -238,24 +235,20 @@ impl<S: Simd> Rays<S> {
     fn advance_by_cells(
         &mut self,
         simd: S,
-        sampler: &Sampler<'_>,
-        skipping: Option<Skipping<'_>>,
+        space: &Space<'_>,
         first_ray: usize,
         batch: &mut Batch,
         Cells { mut cell, mut piece }: Cells<S>,
     ) -> u64 {
-        let frame = sampler.frame;
+        let (sampler, frame) = (&space.sampler, space.sampler.frame);
         let mut taken = 0;
         let mut waiting = u32x16::splat(simd, 0);
         let (mut along, mut run) = (self.progress, self.go_on);
         loop {
-            let exist = along.simd_lt(self.exit);
-            self.go_on &= exist | !run;
-            run &= exist;
-            if !run.any_true() {
+            if !self.run_on(&mut run, along.simd_lt(self.exit)) {
                 break;
             }
-            let Seen { are_sampled, leap, distance } = look(simd, sampler, skipping, &cell, run);
+            let Seen { are_sampled, leap, distance } = space.look(simd, &cell, run);
             let exits = self.exits(simd, frame, &cell);
             let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
             let zero = splat(simd, 0.0);
@@ -295,6 +288,14 @@ impl<S: Simd> Rays<S> {
         self.progress = along;
         self.way = Way::Cells(Cells { cell, piece });
         taken
+    }
+
+    /// Ends those of the rays that run of which nothing more exists; whether any runs on.
+    #[inline(always)]
+    fn run_on(&mut self, run: &mut mask32x16<S>, exist: mask32x16<S>) -> bool {
+        self.go_on &= exist | !*run;
+        *run &= exist;
+        run.any_true()
     }
 
     /// Finds what of the rays is drawn: as [`Frame::interval`].
@@ -483,44 +484,41 @@ struct Seen<S: Simd> {
     distance: f32x16<S>,
 }
 
-#[inline(always)]
-fn look<S: Simd>(
-    simd: S,
-    sampler: &Sampler<'_>,
-    skipping: Option<Skipping<'_>>,
-    cell: &Directions<S>,
-    run: mask32x16<S>,
-) -> Seen<S> {
-    let none = mask32x16::splat(simd, false);
-    let Some(Skipping { occupancy, active }) = skipping else {
-        return Seen { are_sampled: run, leap: none, distance: splat(simd, 0.0) };
-    };
-    let [nx, ny, _] = occupancy.dims();
-    let zero = u32x16::splat(simd, 0);
-    // Those that have ended may be anywhere.
-    let [x, y, z] =
-        [run.select(whole(cell[0]), zero), run.select(whole(cell[1]), zero), run.select(whole(cell[2]), zero)];
-    let macrocells = ((z >> 2) * ny as u32 + (y >> 2)) * nx as u32 + (x >> 2);
-    let mut distance = gathers::numbers(simd, occupancy.distances(), macrocells);
-    let mut leap = run & distance.simd_gt(0);
-    let mut are_sampled = run & !leap;
-    if let Some(active) = active {
-        let macrocells: [u32; LANES] = macrocells.into();
-        let bits: [u32; LANES] = ((x & 3) | (y & 3) << 2 | (z & 3) << 4).into();
-        let (mut left, mut lit, mut dark) = (are_sampled.to_bitmask(), 0_u64, 0_u64);
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let mask = active.mask(simd, sampler, macrocells[lane] as usize);
-            dark |= u64::from(mask == 0) << lane;
-            lit |= (mask >> bits[lane] & 1) << lane;
+impl Space<'_> {
+    /// What those rays see that run.
+    #[inline(always)]
+    fn look<S: Simd>(&self, simd: S, cell: &Directions<S>, run: mask32x16<S>) -> Seen<S> {
+        let none = mask32x16::splat(simd, false);
+        let Some(Skipping { occupancy, active }) = self.skipping else {
+            return Seen { are_sampled: run, leap: none, distance: splat(simd, 0.0) };
+        };
+        let [nx, ny, _] = occupancy.dims();
+        let zero = u32x16::splat(simd, 0);
+        // Those that have ended may be anywhere.
+        let [x, y, z] =
+            [run.select(whole(cell[0]), zero), run.select(whole(cell[1]), zero), run.select(whole(cell[2]), zero)];
+        let macrocells = ((z >> 2) * ny as u32 + (y >> 2)) * nx as u32 + (x >> 2);
+        let mut distance = gathers::numbers(simd, occupancy.distances(), macrocells);
+        let mut leap = run & distance.simd_gt(0);
+        let mut are_sampled = run & !leap;
+        if let Some(active) = active {
+            let macrocells: [u32; LANES] = macrocells.into();
+            let bits: [u32; LANES] = ((x & 3) | (y & 3) << 2 | (z & 3) << 4).into();
+            let (mut left, mut lit, mut dark) = (are_sampled.to_bitmask(), 0_u64, 0_u64);
+            while left != 0 {
+                let lane = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let mask = active.mask(simd, &self.sampler, macrocells[lane] as usize);
+                dark |= u64::from(mask == 0) << lane;
+                lit |= (mask >> bits[lane] & 1) << lane;
+            }
+            are_sampled = mask32x16::from_bitmask(simd, lit);
+            let dark = mask32x16::from_bitmask(simd, dark);
+            leap |= dark;
+            distance = dark.select(u32x16::splat(simd, 1), distance);
         }
-        are_sampled = mask32x16::from_bitmask(simd, lit);
-        let dark = mask32x16::from_bitmask(simd, dark);
-        leap |= dark;
-        distance = dark.select(u32x16::splat(simd, 1), distance);
+        Seen { are_sampled, leap, distance: distance.to_float() }
     }
-    Seen { are_sampled, leap, distance: distance.to_float() }
 }
 
 /// Origins and directions of pixels' rays: as [`Frame::ray`].

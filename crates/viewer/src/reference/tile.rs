@@ -6,7 +6,7 @@ use glam::{Vec3, Vec4};
 use super::batch::{Batch, Question, Ways};
 use super::lanes::LANES;
 use super::occlusion::Darkening;
-use super::rays::{Pixels, Rays, Skipping};
+use super::rays::{Pixels, Rays, Skipping, Space};
 use super::sampling::RoleSample;
 use super::shading::Lighting;
 use super::{RayMarcher, SampleCounts};
@@ -22,8 +22,8 @@ const SQUARE: usize = 4;
 /// Rows of pixels, tile by tile: rays beside each other read the same voxels.
 pub(super) struct Tiles<'a, S: Simd> {
     marcher: &'a RayMarcher<'a>,
+    space: Space<'a>,
     question: Question<'a>,
-    skipping: Option<Skipping<'a>>,
     rays: Vec<Rays<S>>,
     ways: Ways,
     batch: Batch,
@@ -37,8 +37,11 @@ impl<'a, S: Simd> Tiles<'a, S> {
         let keeps_own = marcher.tables.occlusion().is_some() || marcher.frame.plane_count > 0;
         Self {
             marcher,
-            question: Question { sampler: marcher.sampler(), by_value: marcher.by_value(), keeps_own },
-            skipping: occupancy.map(|occupancy| Skipping { occupancy, active }),
+            space: Space {
+                sampler: marcher.sampler(),
+                skipping: occupancy.map(|occupancy| Skipping { occupancy, active }),
+            },
+            question: Question { by_value: marcher.by_value(), keeps_own },
             rays: Vec::new(),
             ways: Ways::default(),
             batch: Batch::default(),
@@ -100,14 +103,13 @@ impl<'a, S: Simd> Tiles<'a, S> {
             self.batch.clear();
             for (sixteen, rays) in self.rays.iter_mut().enumerate() {
                 if rays.any_goes_on() {
-                    let (sampler, first_ray) = (&self.question.sampler, sixteen * LANES);
-                    taken += rays.advance(simd, sampler, self.skipping, first_ray, &mut self.batch);
+                    taken += rays.advance(simd, &self.space, sixteen * LANES, &mut self.batch);
                 }
             }
             if self.batch.len() == 0 {
                 return taken;
             }
-            self.batch.work_out(simd, &self.question, &self.ways);
+            self.batch.work_out(simd, &self.space.sampler, &self.question, &self.ways);
             for sample in 0..self.batch.len() {
                 self.add(simd, sample);
             }
