@@ -114,7 +114,10 @@ impl ValueTable {
     #[must_use]
     pub fn any(&self, [low, high]: [u16; 2]) -> bool {
         let part = |stored: u16| f64::from(stored) * PARTS as f64 / 65535.0;
-        let (first, last) = (part(low).floor() as usize, part(high).ceil() as usize);
+        // The table of two axes has fronts and backs farther apart, between which it is linear.
+        let margin = if self.front_to_back.is_empty() { 0 } else { PARTS.div_ceil(SIDE - 1) };
+        let first = (part(low).floor() as usize).saturating_sub(margin);
+        let last = (part(high).ceil() as usize + margin).min(PARTS);
         low <= high && self.ends[first..=last].iter().any(|end| end.w > 0.0)
     }
 
@@ -248,6 +251,26 @@ mod tests {
                 assert!((found.w - opacity).abs() < 0.06, "{value}: {found} is not {opacity}");
                 assert!(value == 202.0 || (found.truncate() - Vec3::from_array(color)).length() < 0.05, "{value}");
             }
+        }
+    }
+
+    #[test]
+    fn whatever_is_looked_up_with_an_opacity_is_found_to_be_lit() {
+        let curve: Curve =
+            "0,ff0000,0;120,ff0000,0;121,00ff00,0.9;130,0000ff,0.9;131,ff0000,0".parse().expect("a curve");
+        for table in [None, Some(1.0)].map(|step| ValueTable::new(&curve, [0.0, 255.0], step)) {
+            let mut dark = 0;
+            for (front, back) in
+                (28_000..36_000).step_by(23).flat_map(|front| (0..900).step_by(41).map(move |by| (front, front + by)))
+            {
+                let is_lit = table.any([front, back]);
+                let light = table
+                    .look_up(f32::from(front), f32::from(back))
+                    .max(table.look_up(f32::from(back), f32::from(front)));
+                assert!(is_lit || light.w == 0.0, "{front} to {back}: {light}");
+                dark += u32::from(!is_lit);
+            }
+            assert!(dark > 1000, "{dark}");
         }
     }
 
