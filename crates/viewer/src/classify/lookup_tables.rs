@@ -29,9 +29,9 @@ impl<K: PartialEq, T> Made<K, T> {
     }
 }
 
-/// Where occupancy comes from, beside the opacity table: how far boundaries and steps reach, whether rays leap at all, and
-/// what decides.
-type OccupancyKey = ([f32; 2], bool, Classification);
+/// Where occupancy comes from, beside the opacity table: how far boundaries and steps reach, whether rays leap at all and
+/// the order within steps counts, and what decides.
+type OccupancyKey = ([f32; 2], [bool; 2], Classification);
 
 /// The tables of one volume.
 pub struct LookupTables {
@@ -157,7 +157,8 @@ impl LookupTables {
         }
         let Self { ranges, opacity, values, .. } = self;
         let leaps = state.render_settings.leaps;
-        self.occupancy.update(([frame.reach, frame.half_step], leaps, frame.classification), |_| {
+        let key = ([frame.reach, frame.half_step], [leaps, frame.is_ordered], frame.classification);
+        self.occupancy.update(key, |_| {
             let opacity = opacity.get().filter(|_| leaps)?;
             Some(match (frame.classification, values.get()) {
                 (Classification::Stored, _) => Occupancy::of_values(ranges, |[_, high]| high > 0, frame),
