@@ -73,10 +73,10 @@ impl Slicing {
     }
 }
 
-/// The share of a step in whose middle a sample lies that is on the face of a cut through which the ray enters so far along.
-#[must_use]
+/// The share of a step, 0 to 1, that is on the face of a cut: of a step around `along` on a ray that enters at `entry`, all of
+/// them in multiples of `L_min`.
 #[inline(always)]
-pub fn share_of_face(along: f32, step: f32, entry: f32) -> f32 {
+pub(crate) fn share_of_face(along: f32, step: f32, entry: f32) -> f32 {
     ((entry + FACE_DEPTH - along) / step + 0.5).clamp(0.0, 1.0)
 }
 

@@ -111,8 +111,8 @@ impl<S: Simd> Rays<S> {
         rays.enter(simd, frame);
         let opaque = f32x16::from_slice(simd, &pixels.opaque);
         let steps = Steps::new(simd, frame, &rays, first_samples(simd, frame, pixels), opaque);
+        rays.exit = rays.exit.min(opaque);
         let counts = if frame.goes_by_cells {
-            rays.exit = rays.exit.min(opaque);
             if frame.slicing.is_some() {
                 // Slices together stand for all of a ray that meets any.
                 rays.exit = steps.count(simd, &rays).simd_gt(0.0).select(rays.exit, rays.entry);
@@ -122,7 +122,6 @@ impl<S: Simd> Rays<S> {
             rays.way = Way::Cells(Cells { cell: first, piece: zero });
             rays.cells_between(simd, frame, &first)
         } else {
-            rays.exit = rays.exit.min(opaque);
             rays.way = Way::Steps(steps);
             steps.count(simd, &rays)
         };

@@ -122,9 +122,9 @@ impl<'a, S: Simd> Tiles<'a, S> {
         let frame = &self.marcher.frame;
         let ray = self.batch.ray(sample);
         let PixelLight { light, depth } = &mut self.lights[ray];
-        let mut own = self.batch.light(sample);
+        let mut lit = self.batch.light(sample);
         // Nothing behind would be seen, though some of it may have been worked out.
-        if own.w <= 0.0 || light.w > frame.termination_opacity {
+        if lit.w <= 0.0 || light.w > frame.termination_opacity {
             return;
         }
         let [along, step] = self.batch.step(sample);
@@ -138,16 +138,16 @@ impl<'a, S: Simd> Tiles<'a, S> {
             if let Some(occlusion) = self.marcher.tables.occlusion() {
                 color *= Darkening::new(occlusion, frame, &way).light_at(along);
             }
-            let mut lit = lighting.shade(color, normal);
+            let mut shaded = lighting.shade(color, normal);
             let cut = rays.cut(ray % LANES);
             if cut != Vec3::ZERO {
                 // A face that was cut is lit as such.
                 let face = rays.share_of_face(simd, frame, ray % LANES, along, step);
-                lit = lit.lerp(lighting.shade(color, cut), face);
+                shaded = shaded.lerp(lighting.shade(color, cut), face);
             }
-            own = lit.extend(own.w);
+            lit = shaded.extend(lit.w);
         }
-        *light += (1.0 - light.w) * own.w * own.truncate().extend(1.0);
+        *light += (1.0 - light.w) * lit.w * lit.truncate().extend(1.0);
         if depth.is_nan() && light.w >= 0.5 {
             *depth = along;
         }
