@@ -3,9 +3,14 @@
 use glam::{Vec3, Vec4};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use rayon::prelude::*;
 use voxrole_preprocess::export::npy;
 
 use crate::Result;
+use crate::scene::OpaquePixel;
+
+/// Pixels, at least, that a thread takes.
+const PARALLEL: usize = 1 << 12;
 
 /// Display values, 8 bits a channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -93,6 +98,25 @@ pub struct PixelLight {
 impl PixelLight {
     /// Nothing.
     pub const NONE: Self = Self { light: Vec4::ZERO, depth: f32::NAN };
+
+    /// What lies behind it is seen through it.
+    pub(crate) fn lie_over(&mut self, opaque: &OpaquePixel) {
+        if opaque.is_some() {
+            self.light += (1.0 - self.light.w) * opaque.color.extend(1.0);
+            self.depth = if self.depth.is_nan() { opaque.along } else { self.depth };
+        }
+    }
+
+    /// Red, green, blue and alpha, 0 to 1.
+    fn channels(&self, background: Option<Vec3>) -> Vec4 {
+        let light = self.light;
+        let channels = match background {
+            Some(background) => (light.truncate() + (1.0 - light.w) * background).extend(1.0),
+            None if light.w > 0.0 => (light.truncate() / light.w).extend(light.w),
+            None => Vec4::ZERO,
+        };
+        channels.clamp(Vec4::ZERO, Vec4::ONE)
+    }
 }
 
 /// A picture at full precision, without a background.
@@ -110,8 +134,11 @@ impl LightPicture {
     /// Display values over a background, or transparent without one.
     #[must_use]
     pub fn picture(&self, background: Option<Vec3>) -> Picture {
-        let rgba = self.channels(background).flat_map(|channels| (channels * 255.0 + 0.5).to_array());
-        Picture { width: self.width, height: self.height, rgba: rgba.map(|channel| channel as u8).collect() }
+        let pixels = self.pixels.par_iter().with_min_len(PARALLEL);
+        let rgba =
+            |pixel: &PixelLight| (pixel.channels(background) * 255.0 + 0.5).to_array().map(|channel| channel as u8);
+        let rgba: Vec<[u8; 4]> = pixels.map(rgba).collect();
+        Picture { width: self.width, height: self.height, rgba: rgba.into_flattened() }
     }
 
     /// The same with 16 bits a channel, as a PNG file.
@@ -119,7 +146,7 @@ impl LightPicture {
     /// # Errors
     /// As [`Picture::to_png`].
     pub fn to_deep_png(&self, background: Option<Vec3>) -> Result<Vec<u8>> {
-        let rgba = self.channels(background).flat_map(|channels| (channels * 65535.0 + 0.5).to_array());
+        let rgba = self.pixels.iter().flat_map(|pixel| (pixel.channels(background) * 65535.0 + 0.5).to_array());
         let bytes: Vec<u8> = rgba.flat_map(|channel| (channel as u16).to_ne_bytes()).collect();
         to_png(&bytes, self.width, self.height, ExtendedColorType::Rgba16)
     }
@@ -130,18 +157,6 @@ impl LightPicture {
         let mut bytes = npy::header("<f4", false, &[self.height as usize, self.width as usize]);
         bytes.extend(self.pixels.iter().flat_map(|pixel| ((f64::from(pixel.depth) * scale) as f32).to_le_bytes()));
         bytes
-    }
-
-    /// Red, green, blue and alpha, 0 to 1.
-    fn channels(&self, background: Option<Vec3>) -> impl Iterator<Item = Vec4> {
-        self.pixels.iter().map(move |PixelLight { light, .. }| {
-            let channels = match background {
-                Some(background) => (light.truncate() + (1.0 - light.w) * background).extend(1.0),
-                None if light.w > 0.0 => (light.truncate() / light.w).extend(light.w),
-                None => Vec4::ZERO,
-            };
-            channels.clamp(Vec4::ZERO, Vec4::ONE)
-        })
     }
 }
 

@@ -22,6 +22,11 @@ pub const SIDE: usize = 256;
 /// rounding alone.
 pub const NARROW: f32 = 2.0;
 
+/// Parts for each of the stored values.
+pub const PER_STORED: f32 = PARTS as f32 / 65535.0;
+/// More ranges of values with an opacity are not told apart.
+pub const MOST_RANGES: usize = 8;
+
 /// Pieces of a step, at most, of which the first hide the others.
 const MOST_PIECES: usize = 8;
 /// No opacity is taken to be larger: τ of a path of `L_min` is 14 at most.
@@ -37,6 +42,8 @@ pub struct ValueTable {
     /// For every front, one back after another, colour times opacity and opacity for each `L_min`; empty where not
     /// asked for.
     front_to_back: Vec<Vec4>,
+    /// Where among the parts something may have an opacity: from a place on, up to one that does not belong to it.
+    lit: Vec<[f32; 2]>,
 }
 
 impl ValueTable {
@@ -64,10 +71,11 @@ impl ValueTable {
         }
         sums[PARTS + 1] = sums[PARTS];
         let integrals: Vec<Vec4> = sums.iter().map(|sum| sum.as_vec4()).collect();
-        let mut table = Self { ends, integrals, front_to_back: Vec::new() };
+        let mut table = Self { ends, integrals, front_to_back: Vec::new(), lit: Vec::new() };
         if let Some(step) = ordered_step {
             table.front_to_back = table.ordered(&sums, step);
         }
+        table.find_lit();
         table
     }
 
@@ -81,7 +89,6 @@ impl ValueTable {
     #[must_use]
     #[inline]
     pub fn look_up(&self, front: f32, back: f32) -> Vec4 {
-        const PER_STORED: f32 = PARTS as f32 / 65535.0;
         let (front, back) = (front * PER_STORED, back * PER_STORED);
         let parts = back - front;
         if parts.abs() < NARROW {
@@ -110,15 +117,37 @@ impl ValueTable {
         if light.w > 0.0 { (light.truncate() / light.w).extend(light.w) } else { Vec4::ZERO }
     }
 
-    /// Whether any value between two stored ones has an opacity.
+    /// Whether any value between two stored ones may have an opacity.
     #[must_use]
     pub fn any(&self, [low, high]: [u16; 2]) -> bool {
-        let part = |stored: u16| f64::from(stored) * PARTS as f64 / 65535.0;
+        let [low, high] = [low, high].map(|stored| f32::from(stored) * PER_STORED);
+        low <= high && self.lit.iter().any(|&[first, end]| first <= high && low <= end)
+    }
+
+    /// Where among the parts something may have an opacity, at most [`MOST_RANGES`] ranges, whose ends do not belong to them.
+    #[must_use]
+    pub fn lit(&self) -> &[[f32; 2]] {
+        &self.lit
+    }
+
+    fn find_lit(&mut self) {
         // The table of two axes has fronts and backs farther apart, between which it is linear.
         let margin = if self.front_to_back.is_empty() { 0 } else { PARTS.div_ceil(SIDE - 1) };
-        let first = (part(low).floor() as usize).saturating_sub(margin);
-        let last = (part(high).ceil() as usize + margin).min(PARTS);
-        low <= high && self.ends[first..=last].iter().any(|end| end.w > 0.0)
+        let reach = (1 + margin) as f32;
+        for place in (0..=PARTS).filter(|&end| self.ends[end].w > 0.0) {
+            let [first, end] = [place as f32 - reach, place as f32 + reach];
+            match self.lit.last_mut() {
+                Some(last) if first <= last[1] => last[1] = end,
+                _ => self.lit.push([first, end]),
+            }
+        }
+        while self.lit.len() > MOST_RANGES {
+            // The narrowest gap is closed.
+            let gap = |range: &usize| self.lit[range + 1][0] - self.lit[*range][1];
+            let nearest = (0..self.lit.len() - 1).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or_default();
+            self.lit[nearest][1] = self.lit[nearest + 1][1];
+            self.lit.remove(nearest + 1);
+        }
     }
 
     /// Colours and opacities for a path of `L_min` at the parts' ends, and the last once more.
@@ -272,6 +301,26 @@ mod tests {
             }
             assert!(dark > 1000, "{dark}");
         }
+    }
+
+    #[test]
+    fn ranges_beyond_the_most_are_joined() {
+        let peaks = |count: u16| -> Curve {
+            let peak = |place: u16| format!("{place},ff0000,0;{},ff0000,0.5;{},ff0000,0", place + 1, place + 2);
+            // Each a little farther from the one before.
+            let peaks: Vec<String> = (0..count).map(|number| peak(8 * number + number * number / 2)).collect();
+            peaks.join(";").parse().expect("a curve")
+        };
+        let table = |count| ValueTable::new(&peaks(count), [0.0, 255.0], None);
+        for count in [1, 5, 8] {
+            assert_eq!(table(count).lit().len(), usize::from(count));
+        }
+        let joined = table(12);
+        assert_eq!(joined.lit().len(), MOST_RANGES);
+        let is_lit = |value: u16| joined.any([257 * value, 257 * value]);
+        // The first ones, which lie nearest to each other; between the last ones, at 130 and 148, nothing is lit.
+        assert!((0..42).all(is_lit) && !is_lit(45) && is_lit(131) && !is_lit(140) && is_lit(149) && !is_lit(250));
+        assert!(joined.lit().windows(2).all(|pair| pair[0][1] < pair[1][0]));
     }
 
     #[test]

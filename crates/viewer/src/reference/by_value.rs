@@ -3,20 +3,21 @@
 // No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
 #![allow(clippy::needless_range_loop, reason = "see above")]
 
-use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, u32x16};
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16};
 
 use super::corners::{Corners, Places};
 use super::gathers::columns;
-use super::lanes::{Directions, exp_of_negative, splat, unit_or_zero};
+use super::lanes::{Directions, exp_of_negative, splat};
+use super::planes::Planes;
 use super::sampling::{Found, Sampler};
 use crate::classify::ValueTable;
-use crate::classify::value_table::{NARROW, PARTS, SIDE};
+use crate::classify::value_table::{NARROW, PARTS, PER_STORED, SIDE};
 
 /// What decides on colour and opacity where roles do not.
 #[derive(Clone, Copy)]
 pub(super) enum ByValue<'a> {
     /// A curve.
-    Curve(&'a ValueTable),
+    Curve(&'a ValueTable, &'a Planes),
     /// The voxels' own intensity and opacity.
     Stored,
 }
@@ -27,59 +28,60 @@ pub(super) struct Stretches<S: Simd> {
     pub(super) directions: Directions<S>,
     /// Where along the rays their middles lie.
     pub(super) alongs: f32x16<S>,
-    /// Half of what opacity is integrated along, unless the middle counts for all of it.
-    pub(super) half_steps: Option<f32x16<S>>,
+    /// Half of what opacity is integrated along.
+    pub(super) half_steps: f32x16<S>,
 }
 
-impl<S: Simd> Stretches<S> {
-    #[inline(always)]
-    fn positions(&self, alongs: f32x16<S>) -> Directions<S> {
-        let mut positions = self.origins;
+/// The values at the ends of stretches.
+#[inline(always)]
+pub(super) fn ends<S: Simd>(
+    simd: S,
+    planes: &Planes,
+    sampler: &Sampler<'_>,
+    stretches: &Stretches<S>,
+) -> [f32x16<S>; 2] {
+    let alongs = [stretches.alongs - stretches.half_steps, stretches.alongs + stretches.half_steps];
+    let mut ends = alongs;
+    for end in 0..2 {
+        let mut positions = stretches.origins;
         for axis in 0..3 {
-            positions[axis] += alongs * self.directions[axis];
+            positions[axis] += alongs[end] * stretches.directions[axis];
         }
-        positions
+        let [cells, fractions] = sampler.cells(simd, &positions);
+        ends[end] = planes.value(simd, sampler, &sampler.places(&cells, fractions));
     }
+    ends
 }
 
-/// What is found along steps whose middles lie at `places`.
+/// Whether anything may have an opacity between two values.
+#[inline(always)]
+pub(super) fn can_show<S: Simd>(simd: S, table: &ValueTable, [front, back]: [f32x16<S>; 2]) -> mask32x16<S> {
+    let (low, high) = (front.min(back) * PER_STORED, front.max(back) * PER_STORED);
+    let mut can_show = mask32x16::splat(simd, false);
+    for &[first, end] in table.lit() {
+        can_show |= high.simd_ge(first) & low.simd_lt(end);
+    }
+    can_show
+}
+
+/// What is found along steps in whose middles `places` lie, and on which the value goes from one to another.
 #[inline(always)]
 pub(super) fn sample<S: Simd>(
     simd: S,
-    by_value: ByValue<'_>,
+    table: &ValueTable,
+    planes: &Planes,
     sampler: &Sampler<'_>,
     places: &Places<S>,
-    steps: &Stretches<S>,
+    [front, back]: [f32x16<S>; 2],
 ) -> Found<S> {
-    let corners = Corners::read(simd, sampler, places);
-    let table = match by_value {
-        ByValue::Curve(table) => table,
-        ByValue::Stored => return stored(simd, &corners),
-    };
-    let (front, back) = if let Some(half_steps) = steps.half_steps {
-        let front = value_at(simd, sampler, &steps.positions(steps.alongs - half_steps));
-        (front, value_at(simd, sampler, &steps.positions(steps.alongs + half_steps)))
-    } else {
-        let value = corners.value(simd);
-        (value, value)
-    };
     let [red, green, blue, opacity] = look_up(simd, table, front, back);
-    let mut found = Found { opacity, color: [red, green, blue], ..Found::nothing(simd) };
-    if opacity.simd_gt(0.0).any_true() {
-        found.normal = normal(simd, &corners);
-    }
-    found
-}
-
-#[inline(always)]
-fn value_at<S: Simd>(simd: S, sampler: &Sampler<'_>, positions: &Directions<S>) -> f32x16<S> {
-    let [cells, fractions] = sampler.cells(simd, positions);
-    Corners::read(simd, sampler, &sampler.places(&cells, fractions)).value(simd)
+    Found { opacity, color: [red, green, blue], normal: planes.normal(simd, sampler, places) }
 }
 
 /// Intensity and opacity as they are stored.
 #[inline(always)]
-fn stored<S: Simd>(simd: S, corners: &Corners<S>) -> Found<S> {
+pub(super) fn stored<S: Simd>(simd: S, sampler: &Sampler<'_>, places: &Places<S>) -> Found<S> {
+    let corners = Corners::read(simd, sampler, places);
     let mut intensity = splat(simd, 0.0);
     for corner in 0..8 {
         intensity += corners.weights[corner] * corners.gradients(corner).to_float::<f32x16<S>>();
@@ -87,25 +89,15 @@ fn stored<S: Simd>(simd: S, corners: &Corners<S>) -> Found<S> {
     Found { opacity: corners.value(simd) / 65535.0, color: [intensity / 65535.0; 3], ..Found::nothing(simd) }
 }
 
-/// Direction of the mean of the normals that there are: where no boundary is near, light has nothing to fall on.
+/// The parts that places among them lie in.
 #[inline(always)]
-fn normal<S: Simd>(simd: S, corners: &Corners<S>) -> Directions<S> {
-    let zero = splat(simd, 0.0);
-    let mut sum = [zero; 3];
-    for corner in 0..8 {
-        let weight = corners.have_hit(corner).select(corners.weights[corner], zero);
-        let own = corners.normals(simd, corner);
-        for axis in 0..3 {
-            sum[axis] += weight * own[axis];
-        }
-    }
-    unit_or_zero(simd, &sum, 1e-8)
+fn part<S: Simd>(simd: S, place: f32x16<S>) -> u32x16<S> {
+    place.to_int::<i32x16<S>>().min(i32x16::splat(simd, PARTS as i32)).bitcast()
 }
 
 /// As [`ValueTable::look_up`].
 #[inline(always)]
 fn look_up<S: Simd>(simd: S, table: &ValueTable, front: f32x16<S>, back: f32x16<S>) -> [f32x16<S>; 4] {
-    const PER_STORED: f32 = PARTS as f32 / 65535.0;
     let (front, back) = (front * PER_STORED, back * PER_STORED);
     let parts = back - front;
     let is_narrow = parts.abs().simd_lt(NARROW);
@@ -164,9 +156,8 @@ fn ordered<S: Simd>(simd: S, table: &[[f32; 4]], front: f32x16<S>, back: f32x16<
 /// What lies between the ends of parts.
 #[inline(always)]
 fn between<S: Simd>(simd: S, ends: &[[f32; 4]], place: f32x16<S>) -> [f32x16<S>; 4] {
-    let lower = place.to_int::<i32x16<S>>().min(i32x16::splat(simd, PARTS as i32));
-    let along = place - lower.to_float::<f32x16<S>>();
-    let first = lower.bitcast::<u32x16<S>>();
+    let first = part(simd, place);
+    let along = place - first.to_float::<f32x16<S>>();
     let (low, high) = (columns(simd, ends, first), columns(simd, ends, first + 1));
     let mut light = low;
     for channel in 0..4 {

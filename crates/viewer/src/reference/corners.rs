@@ -104,12 +104,11 @@ pub(super) fn gradient_bins<S: Simd>(simd: S, stored: u32x16<S>) -> u32x16<S> {
 #[inline(always)]
 pub(super) fn normals<S: Simd>(simd: S, stored: u32x16<S>) -> Directions<S> {
     let words = stored.bitcast::<i32x16<S>>();
-    let bytes = [(words << 24) >> 24, (words << 16) >> 24];
-    let [x, y] = [bytes[0].to_float::<f32x16<S>>() / 127.0, bytes[1].to_float::<f32x16<S>>() / 127.0];
-    let z = 1.0 - x.abs() - y.abs();
-    let is_upper = z.simd_ge(0.0);
-    let u = is_upper.select(x, (1.0 - y.abs()).copysign(x));
-    let v = is_upper.select(y, (1.0 - x.abs()).copysign(y));
+    // Whole numbers up to the square root: exact, and its divisions spared.
+    let [x, y] = [((words << 24) >> 24).to_float::<f32x16<S>>(), ((words << 16) >> 24).to_float::<f32x16<S>>()];
+    let z = 127.0 - x.abs() - y.abs();
+    let folded = (-z).max(splat(simd, 0.0));
+    let (u, v) = ((x.abs() - folded).copysign(x), (y.abs() - folded).copysign(y));
     let share = 1.0 / ((u * u + v * v) + z * z).sqrt();
     let share = stored.simd_eq(u32::from(NO_NORMAL)).select(splat(simd, 0.0), share);
     [u * share, v * share, z * share]

@@ -15,6 +15,7 @@ mod lanes;
 #[cfg(test)]
 pub(crate) mod naive;
 mod occlusion;
+mod planes;
 mod rays;
 pub mod roles;
 pub mod sampling;
@@ -41,6 +42,7 @@ use crate::{Error, LightPicture, Picture, PixelLight, Result, Watch};
 use active_cells::ActiveCells;
 use by_value::ByValue;
 use lanes::{splat, splat_vector};
+use planes::Planes;
 use roles::Roles;
 use sampling::{RoleSample, Sampler};
 use tile::{TILE, Tiles};
@@ -59,6 +61,8 @@ pub struct RayMarcher<'a> {
     roles: Roles,
     /// Where roles decide and rays may leap: of these roles and the frame's half step, as far as rays have come by.
     active: Option<ActiveCells>,
+    /// Where values decide.
+    planes: Option<Planes>,
     frame: Frame,
     surfaces: Arc<Surfaces>,
 }
@@ -90,7 +94,8 @@ impl<'a> RayMarcher<'a> {
     /// Makes ready for a picture of `image_size` pixels.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`]; as [`Surfaces::new`].
+    /// [`Error::PictureSize`] when a side is 0 or longer than [`MAX_IMAGE_SIDE`]; [`Error::Pack`] when memory does not suffice; as
+    /// [`Surfaces::new`].
     pub fn new(volume: &'a VolumeTexels, state: &ViewState, image_size: [u32; 2]) -> Result<Self> {
         check_size(image_size)?;
         Self::with_surfaces(volume, state, image_size, Arc::new(Surfaces::of(state, volume)?))
@@ -99,7 +104,7 @@ impl<'a> RayMarcher<'a> {
     /// The same with the surfaces of the state's scene, where they are there already.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] as [`Self::new`].
+    /// [`Error::PictureSize`] and [`Error::Pack`] as [`Self::new`].
     pub fn with_surfaces(
         volume: &'a VolumeTexels,
         state: &ViewState,
@@ -110,8 +115,10 @@ impl<'a> RayMarcher<'a> {
         let mut tables = LookupTables::new(&volume.description, MacrocellRanges::new(volume));
         let frame = update(&mut tables, volume, state, image_size);
         let roles = Roles::new(tables.opacity(), &state.transfer_function);
-        let mut marcher = Self { volume, state: state.clone(), tables, roles, active: None, frame, surfaces };
+        let mut marcher =
+            Self { volume, state: state.clone(), tables, roles, active: None, planes: None, frame, surfaces };
         marcher.renew_active(true);
+        marcher.renew_planes()?;
         Ok(marcher)
     }
 
@@ -119,7 +126,7 @@ impl<'a> RayMarcher<'a> {
     /// anew.
     ///
     /// # Errors
-    /// [`Error::PictureSize`] as [`Self::new`].
+    /// [`Error::PictureSize`] and [`Error::Pack`] as [`Self::new`].
     pub fn look_at(&mut self, state: &ViewState, image_size: [u32; 2], surfaces: Arc<Surfaces>) -> Result<()> {
         check_size(image_size)?;
         let frame = update(&mut self.tables, self.volume, state, image_size);
@@ -130,6 +137,7 @@ impl<'a> RayMarcher<'a> {
         let is_outdated = are_others || frame.half_step != self.frame.half_step;
         self.frame = frame;
         self.renew_active(is_outdated);
+        self.renew_planes()?;
         self.state = state.clone();
         self.surfaces = surfaces;
         Ok(())
@@ -148,6 +156,15 @@ impl<'a> RayMarcher<'a> {
             Some(_) if is_asked => {}
             active => *active = is_asked.then(|| ActiveCells::new(self.tables.macrocells())),
         }
+    }
+
+    fn renew_planes(&mut self) -> Result<()> {
+        if self.frame.classification != Classification::Value {
+            self.planes = None;
+        } else if self.planes.is_none() {
+            self.planes = Some(Planes::new(self.volume)?);
+        }
+        Ok(())
     }
 
     /// What camera, settings and volume come to.
@@ -196,7 +213,8 @@ impl<'a> RayMarcher<'a> {
     /// The same with some of the processor's instructions: the bits are the same with all.
     fn light_at_level(&self, level: Level, watch: &Watch) -> (LightPicture, SampleCounts) {
         let [width, height] = self.frame.image_size;
-        let mut pixels = vec![PixelLight::NONE; width as usize * height as usize];
+        let count = width as usize * height as usize;
+        let mut pixels: Vec<_> = (0..count).into_par_iter().map(|_| PixelLight::NONE).collect();
         let opaque = self.opaque();
         let bands = pixels.par_chunks_mut(TILE * width as usize).enumerate().map(|(band, pixels)| {
             let opaque = opaque.get(band * TILE * width as usize..).unwrap_or_default();
@@ -242,7 +260,9 @@ impl<'a> RayMarcher<'a> {
         match self.frame.classification {
             Classification::Roles => None,
             Classification::Stored => Some(ByValue::Stored),
-            Classification::Value => self.tables.values().map(ByValue::Curve),
+            Classification::Value => {
+                self.tables.values().zip(self.planes.as_ref()).map(|(table, planes)| ByValue::Curve(table, planes))
+            }
         }
     }
 

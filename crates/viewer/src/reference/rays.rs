@@ -8,17 +8,22 @@ use glam::Vec3;
 
 use super::active_cells::ActiveCells;
 use super::batch::{Batch, Ways};
+use super::corners::Places;
 use super::gathers;
 use super::lanes::{Directions, LANES, dot, splat, splat_vector, store_columns, unit_or_zero};
+use super::planes::Planes;
 use super::sampling::{Sampler, whole};
 use super::steps::{Samples, Steps};
+use super::tile::SQUARE;
 use crate::classify::Occupancy;
 use crate::classify::macrocells::MACROCELL;
 use crate::frame::Frame;
 use crate::slicing::share_of_face;
 
-/// Rays rest once so many of their samples wait.
-const MOST_WAITING: u32 = 8;
+/// Rays rest after so many places or cells, whatever is there: where they go on does not depend on how many samples wait.
+const MOST_VISITED: usize = 8;
+/// And once more samples wait than one for each of these: short steps cut a cell into many pieces.
+const MOST_WAITING: usize = 2 * LANES * MOST_VISITED;
 
 /// How far off rounding can put a sample, as a share of the lengths that it is worked out from: a few units in the last place.
 const ROUNDING: f32 = 4e-6;
@@ -34,14 +39,26 @@ pub(super) struct Skipping<'a> {
 /// What rays go through.
 pub(super) struct Space<'a> {
     pub(super) sampler: Sampler<'a>,
+    /// What is read where values decide.
+    pub(super) planes: Option<&'a Planes>,
     /// Where rays leap at all.
     pub(super) skipping: Option<Skipping<'a>>,
 }
 
-/// Pixels whose rays go side by side.
+/// Where in their square pixels lie.
+const WITHIN: [[u32; LANES]; 2] = {
+    let (mut within, mut lane) = ([[0; LANES]; 2], 0);
+    while lane < LANES {
+        (within[0][lane], within[1][lane]) = ((lane % SQUARE) as u32, (lane / SQUARE) as u32);
+        lane += 1;
+    }
+    within
+};
+
+/// A square of pixels, whose rays go side by side.
 pub(super) struct Pixels {
-    /// Counted from the top left of the picture.
-    pub(super) places: [[u32; LANES]; 2],
+    /// The left upper one, counted from the top left of the picture.
+    pub(super) first: [u32; 2],
     /// Bits of those that there are.
     pub(super) are_there: u16,
     /// Where along the rays opaque geometry lies.
@@ -63,22 +80,10 @@ pub(super) struct Rays<S: Simd> {
     go_on: mask32x16<S>,
     /// At equal distances how many samples lie behind; from cell to cell the place along the ray.
     progress: f32x16<S>,
-    way: Way<S>,
-}
-
-/// How samples follow each other.
-enum Way<S: Simd> {
-    Steps(Steps<S>),
-    Cells(Cells<S>),
-}
-
-/// Where rays are that go from cell to cell.
-#[derive(Clone, Copy)]
-struct Cells<S: Simd> {
-    /// The cell, by the indices of its lowest voxel.
+    /// Where samples at equal distances lie.
+    steps: Steps<S>,
+    /// From cell to cell those that they are in, by the indices of the lowest voxel.
     cell: Directions<S>,
-    /// Which of its pieces comes next.
-    piece: f32x16<S>,
 }
 
 impl<S: Simd> Rays<S> {
@@ -95,7 +100,6 @@ impl<S: Simd> Rays<S> {
             inverse[axis] = 1.0 / direction[axis].abs().simd_lt(1e-20).select(least, direction[axis]);
         }
         let go_on = mask32x16::from_bitmask(simd, pixels.are_there.into());
-        let way = Way::Cells(Cells { cell: [zero; 3], piece: zero });
         let mut rays = Self {
             origin,
             direction,
@@ -106,24 +110,23 @@ impl<S: Simd> Rays<S> {
             cut: [zero; 3],
             go_on,
             progress: zero,
-            way,
+            steps: Steps::none(simd),
+            cell: [zero; 3],
         };
         rays.enter(simd, frame);
         let opaque = f32x16::from_slice(simd, &pixels.opaque);
-        let steps = Steps::new(simd, frame, &rays, first_samples(simd, frame, pixels), opaque);
+        rays.steps = Steps::new(simd, frame, &rays, first_samples(simd, frame, pixels), opaque);
         rays.exit = rays.exit.min(opaque);
         let counts = if frame.goes_by_cells {
             if frame.slicing.is_some() {
                 // Slices together stand for all of a ray that meets any.
-                rays.exit = steps.count(simd, &rays).simd_gt(0.0).select(rays.exit, rays.entry);
+                rays.exit = rays.steps.count(simd, &rays).simd_gt(0.0).select(rays.exit, rays.entry);
             }
             rays.progress = rays.entry;
-            let first = rays.cell(simd, frame, rays.entry);
-            rays.way = Way::Cells(Cells { cell: first, piece: zero });
-            rays.cells_between(simd, frame, &first)
+            rays.cell = rays.cell(simd, frame, rays.entry);
+            rays.cells_between(simd, frame)
         } else {
-            rays.way = Way::Steps(steps);
-            steps.count(simd, &rays)
+            rays.steps.count(simd, &rays)
         };
         let counts: [f32; LANES] = go_on.select(counts, zero).into();
         for lane in 0..LANES {
@@ -163,138 +166,107 @@ impl<S: Simd> Rays<S> {
     /// The share of a ray's sample that lies on the face of the cut through which the ray enters, to a depth that does not
     /// depend on the step; at equal distances all of the first one, so that a face shows at any.
     pub(super) fn share_of_face(&self, simd: S, frame: &Frame, lane: usize, along: f32, step: f32) -> f32 {
-        let first = match &self.way {
-            Way::Steps(steps) => Some(steps.at(simd, frame, self, splat(simd, 0.0)).along[lane]),
-            Way::Cells(_) => None,
-        };
-        if first == Some(along) { 1.0 } else { share_of_face(along, step, self.entry[lane]) }
+        let is_first = !frame.goes_by_cells && along == self.steps.at(simd, frame, self, splat(simd, 0.0)).along[lane];
+        if is_first { 1.0 } else { share_of_face(along, step, self.entry[lane]) }
     }
 
-    /// Goes on, until enough samples wait or all rays have ended. At how many places, or in how many cells, the volume is to be
-    /// sampled.
+    /// Goes on by a few places or cells with one or two sixteens of rays, in turn: what the one waits for, the other does not. At
+    /// how many places, or in how many cells, the volume is to be sampled.
     #[inline(never)]
-    pub(super) fn advance(&mut self, simd: S, space: &Space<'_>, first_ray: usize, batch: &mut Batch) -> u64 {
+    pub(super) fn advance(pair: &mut [Self], simd: S, space: &Space<'_>, first_ray: usize, batch: &mut Batch) -> u64 {
         simd.vectorize(
             #[inline(always)]
-            || match self.way {
-                Way::Steps(steps) => self.advance_by_steps(simd, space, first_ray, batch, &steps),
-                Way::Cells(cells) => self.advance_by_cells(simd, space, first_ray, batch, cells),
+            || {
+                let frame = space.sampler.frame;
+                let mut taken = 0;
+                let most = batch.len() + MOST_WAITING;
+                for _ in 0..MOST_VISITED {
+                    for (number, rays) in pair.iter_mut().enumerate() {
+                        let first_ray = first_ray + number * LANES;
+                        taken += if frame.goes_by_cells {
+                            rays.visit_cell(simd, space, first_ray, batch)
+                        } else {
+                            rays.visit_place(simd, space, first_ray, batch)
+                        };
+                    }
+                    if batch.len() > most {
+                        break;
+                    }
+                }
+                taken
             },
         )
     }
 
-    /// With samples at equal distances.
+    /// Visits the next of samples at equal distances; of how many rays there is one to be taken.
     #[inline(always)]
-    fn advance_by_steps(
-        &mut self,
-        simd: S,
-        space: &Space<'_>,
-        first_ray: usize,
-        batch: &mut Batch,
-        steps: &Steps<S>,
-    ) -> u64 {
+    fn visit_place(&mut self, simd: S, space: &Space<'_>, first_ray: usize, batch: &mut Batch) -> u64 {
         let (sampler, frame) = (&space.sampler, space.sampler.frame);
-        let slack = self.slack(simd, frame);
-        let mut taken = 0;
-        let mut waiting = u32x16::splat(simd, 0);
-        let (mut count, mut run) = (self.progress, self.go_on);
-        loop {
-            let Samples { exist, along, step, half_step } = steps.at(simd, frame, self, count);
-            if !self.run_on(&mut run, exist) {
-                break;
-            }
-            let mut position = self.origin;
-            for axis in 0..3 {
-                position[axis] += along * self.direction[axis];
-            }
-            let [cell, fractions] = sampler.cells(simd, &position);
-            let Seen { are_sampled, leap, distance } = space.look(simd, &cell, run);
-            taken += u64::from(are_sampled.to_bitmask().count_ones());
-            if are_sampled.any_true() {
-                batch.push(simd, are_sampled, first_ray, &sampler.places(&cell, fractions), along, step, half_step);
-                waiting = are_sampled.select(waiting + 1, waiting);
-            }
-            // Not a running sum of places, whose rounding errors would add up.
-            let mut next = count + 1.0;
-            if leap.any_true() {
-                // To the first sample beyond all that is known to be empty.
-                let beyond = self.leaves_macrocells(simd, frame, &cell, distance, slack);
-                next = leap.select(((beyond - steps.start) / steps.step).floor().max(next), next);
-            }
-            count = run.select(next, count);
-            run &= waiting.simd_lt(MOST_WAITING);
+        let steps = &self.steps;
+        let Samples { exist, along, step, half_step } = steps.at(simd, frame, self, self.progress);
+        self.go_on &= exist;
+        if !self.go_on.any_true() {
+            return 0;
         }
-        self.progress = count;
-        taken
+        let mut position = self.origin;
+        for axis in 0..3 {
+            position[axis] += along * self.direction[axis];
+        }
+        let [cell, fractions] = sampler.cells(simd, &position);
+        let Seen { are_sampled, leap, distance } = space.look(simd, &cell, self.go_on);
+        if are_sampled.any_true() {
+            let places = sampler.places(&cell, fractions);
+            batch.push(simd, are_sampled, first_ray, &places, [along, step, half_step]);
+            space.ask_for(&places);
+        }
+        // Not a running sum of places, whose rounding errors would add up.
+        let mut next = self.progress + 1.0;
+        if leap.any_true() {
+            // To the first sample beyond all that is known to be empty.
+            let beyond = self.leaves_macrocells(simd, frame, &cell, distance);
+            next = leap.select(((beyond - steps.start) / steps.step).floor().max(next), next);
+        }
+        self.progress = next;
+        u64::from(are_sampled.to_bitmask().count_ones())
     }
 
-    /// From cell to cell: what lies in each is cut into equal pieces, so that the voxels that decide are the same along all of
-    /// a piece, and nothing of the ray is left out.
+    /// Visits the next cell. What lies in it of a ray is cut into equal pieces, so that the voxels that decide are the same along
+    /// all of a piece, and nothing of the ray is left out. Of how many rays something is to be sampled.
     #[inline(always)]
-    fn advance_by_cells(
-        &mut self,
-        simd: S,
-        space: &Space<'_>,
-        first_ray: usize,
-        batch: &mut Batch,
-        Cells { mut cell, mut piece }: Cells<S>,
-    ) -> u64 {
+    fn visit_cell(&mut self, simd: S, space: &Space<'_>, first_ray: usize, batch: &mut Batch) -> u64 {
         let (sampler, frame) = (&space.sampler, space.sampler.frame);
-        let mut taken = 0;
-        let mut waiting = u32x16::splat(simd, 0);
-        let (mut along, mut run) = (self.progress, self.go_on);
-        loop {
-            if !self.run_on(&mut run, along.simd_lt(self.exit)) {
-                break;
-            }
-            let Seen { are_sampled, leap, distance } = space.look(simd, &cell, run);
-            let exits = self.exits(simd, frame, &cell);
-            let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
-            let zero = splat(simd, 0.0);
-            let mut is_through = mask32x16::splat(simd, true);
-            if are_sampled.any_true() {
-                taken += u64::from((are_sampled & piece.simd_eq(0.0)).to_bitmask().count_ones());
-                let pieces = ((end - along) / (2.0 * frame.half_step)).ceil();
-                let step = (end - along) / pieces;
-                let mut are_left = are_sampled & piece.simd_lt(pieces);
-                while are_left.any_true() {
-                    let middle = along + (piece + 0.5) * step;
-                    let places = sampler.places(&cell, self.fractions(simd, sampler, &cell, middle));
-                    batch.push(simd, are_left, first_ray, &places, middle, step, step * 0.5);
-                    waiting = are_left.select(waiting + 1, waiting);
-                    piece = are_left.select(piece + 1.0, piece);
-                    are_left &= piece.simd_lt(pieces) & waiting.simd_lt(MOST_WAITING);
-                }
-                // The others rest, and go on in this cell.
-                is_through = !(are_sampled & piece.simd_lt(pieces));
-            }
-            let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
-            if leap.any_true() {
-                let (beyond, cell_beyond) = self.leap(simd, frame, &cell, distance);
-                next_along = leap.select(beyond, next_along);
-                for axis in 0..3 {
-                    next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
-                }
-            }
-            let is_through = is_through & run;
-            piece = is_through.select(zero, piece);
-            along = is_through.select(next_along, along);
-            for axis in 0..3 {
-                cell[axis] = is_through.select(next_cell[axis], cell[axis]);
-            }
-            run &= waiting.simd_lt(MOST_WAITING);
+        let (along, cell) = (self.progress, self.cell);
+        self.go_on &= along.simd_lt(self.exit);
+        if !self.any_goes_on() {
+            return 0;
         }
-        self.progress = along;
-        self.way = Way::Cells(Cells { cell, piece });
-        taken
-    }
-
-    /// Ends those of the rays that run of which nothing more exists; whether any runs on.
-    #[inline(always)]
-    fn run_on(&mut self, run: &mut mask32x16<S>, exist: mask32x16<S>) -> bool {
-        self.go_on &= exist | !*run;
-        *run &= exist;
-        run.any_true()
+        let Seen { are_sampled, leap, distance } = space.look(simd, &cell, self.go_on);
+        let exits = self.exits(simd, frame, &cell);
+        let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
+        if are_sampled.any_true() {
+            let pieces = ((end - along) / (2.0 * frame.half_step)).ceil();
+            let step = (end - along) / pieces;
+            let (mut piece, mut are_left) = (splat(simd, 0.0), are_sampled & pieces.simd_gt(0.0));
+            while are_left.any_true() {
+                let middle = along + (piece + 0.5) * step;
+                let places = sampler.places(&cell, self.fractions(simd, sampler, &cell, middle));
+                batch.push(simd, are_left, first_ray, &places, [middle, step, step * 0.5]);
+                space.ask_for(&places);
+                piece += 1.0;
+                are_left &= piece.simd_lt(pieces);
+            }
+        }
+        let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
+        if leap.any_true() {
+            let (beyond, cell_beyond) = self.leap(simd, frame, &cell, distance);
+            next_along = leap.select(beyond, next_along);
+            for axis in 0..3 {
+                next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
+            }
+        }
+        self.progress = next_along;
+        self.cell = next_cell;
+        u64::from(are_sampled.to_bitmask().count_ones())
     }
 
     /// Finds what of the rays is drawn: as [`Frame::interval`].
@@ -336,14 +308,8 @@ impl<S: Simd> Rays<S> {
 
     /// Up to where every sample lies in a macrocell closer than `distance` to that of its cell, rounding included.
     #[inline(always)]
-    fn leaves_macrocells(
-        &self,
-        simd: S,
-        frame: &Frame,
-        cell: &Directions<S>,
-        distance: f32x16<S>,
-        slack: f32x16<S>,
-    ) -> f32x16<S> {
+    fn leaves_macrocells(&self, simd: S, frame: &Frame, cell: &Directions<S>, distance: f32x16<S>) -> f32x16<S> {
+        let slack = self.slack(simd, frame);
         let mut nearest = splat(simd, f32::INFINITY);
         for axis in 0..3 {
             let corner = self.beyond_macrocells(axis, cell, distance);
@@ -439,9 +405,9 @@ impl<S: Simd> Rays<S> {
         cell
     }
 
-    /// How many cells lie between the entry, in `first`, and the exit.
+    /// How many cells lie between the entry and the exit.
     #[inline(always)]
-    fn cells_between(&self, simd: S, frame: &Frame, first: &Directions<S>) -> f32x16<S> {
+    fn cells_between(&self, simd: S, frame: &Frame) -> f32x16<S> {
         let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
         let last = self.cell(simd, frame, self.exit);
         let mut count = one;
@@ -449,7 +415,7 @@ impl<S: Simd> Rays<S> {
             let plane = last[axis] + self.are_forward[axis].select(zero, one);
             let entry = self.crossing(simd, frame, axis, plane, f32::NEG_INFINITY);
             let is_left = entry.simd_ge(self.exit);
-            count += (last[axis] - is_left.select(self.one_cell(simd, axis), zero) - first[axis]).abs();
+            count += (last[axis] - is_left.select(self.one_cell(simd, axis), zero) - self.cell[axis]).abs();
         }
         // A ray that misses has an exit before its entry.
         self.entry.simd_lt(self.exit).select(count, zero)
@@ -484,6 +450,16 @@ struct Seen<S: Simd> {
 }
 
 impl Space<'_> {
+    /// Asks for the memory that samples will be worked out from.
+    #[inline(always)]
+    fn ask_for<S: Simd>(&self, places: &Places<S>) {
+        let firsts = self.sampler.firsts(places);
+        match self.planes {
+            Some(planes) => planes.ask_for_values(&firsts),
+            None => gathers::ask_for(self.sampler.texels(), &firsts),
+        }
+    }
+
     /// What those rays see that run.
     #[inline(always)]
     fn look<S: Simd>(&self, simd: S, cell: &Directions<S>, run: mask32x16<S>) -> Seen<S> {
@@ -524,7 +500,8 @@ impl Space<'_> {
 #[inline(always)]
 fn pixel_rays<S: Simd>(simd: S, frame: &Frame, pixels: &Pixels) -> [Directions<S>; 2] {
     let [width, height] = [frame.image_size[0] as f32, frame.image_size[1] as f32];
-    let [x, y] = [u32x16::from_slice(simd, &pixels.places[0]), u32x16::from_slice(simd, &pixels.places[1])];
+    let x = u32x16::from_slice(simd, &WITHIN[0]) + pixels.first[0];
+    let y = u32x16::from_slice(simd, &WITHIN[1]) + pixels.first[1];
     let right = (x.to_float::<f32x16<S>>() + 0.5) / width * 2.0 - 1.0;
     let up = 1.0 - (y.to_float::<f32x16<S>>() + 0.5) / height * 2.0;
     let rays = &frame.rays;
@@ -544,7 +521,7 @@ fn first_samples<S: Simd>(simd: S, frame: &Frame, pixels: &Pixels) -> f32x16<S> 
     }
     let mut shares = [0.0; LANES];
     for lane in 0..LANES {
-        shares[lane] = frame.first_sample(pixels.places[0][lane], pixels.places[1][lane]);
+        shares[lane] = frame.first_sample(pixels.first[0] + WITHIN[0][lane], pixels.first[1] + WITHIN[1][lane]);
     }
     f32x16::from_slice(simd, &shares)
 }

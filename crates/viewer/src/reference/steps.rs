@@ -30,6 +30,13 @@ pub(super) struct Samples<S: Simd> {
 }
 
 impl<S: Simd> Steps<S> {
+    /// Nowhere.
+    #[inline(always)]
+    pub(super) fn none(simd: S) -> Self {
+        let zero = splat(simd, 0.0);
+        Self { start: zero, step: zero, share: zero, last: None, whole: None }
+    }
+
     #[inline(always)]
     pub(super) fn new(simd: S, frame: &Frame, rays: &Rays<S>, share: f32x16<S>, opaque: f32x16<S>) -> Self {
         let step = splat(simd, frame.step);

@@ -7,7 +7,6 @@ use super::batch::{Batch, Question, Ways};
 use super::lanes::LANES;
 use super::occlusion::Darkening;
 use super::rays::{Pixels, Rays, Skipping, Space};
-use super::sampling::RoleSample;
 use super::shading::Lighting;
 use super::{RayMarcher, SampleCounts};
 use crate::PixelLight;
@@ -17,7 +16,9 @@ use crate::scene::OpaquePixel;
 /// Pixels along a side of a tile.
 pub(super) const TILE: usize = 16;
 /// Pixels along a side of the squares whose rays go side by side.
-const SQUARE: usize = 4;
+pub(super) const SQUARE: usize = 4;
+/// Squares along a side of a tile.
+const ACROSS: usize = TILE / SQUARE;
 
 /// Rows of pixels, tile by tile: rays beside each other read the same voxels.
 pub(super) struct Tiles<'a, S: Simd> {
@@ -27,8 +28,9 @@ pub(super) struct Tiles<'a, S: Simd> {
     rays: Vec<Rays<S>>,
     ways: Ways,
     batch: Batch,
-    /// What each ray has gathered.
-    lights: Vec<PixelLight>,
+    /// What each ray has gathered: colour times opacity, and opacity; and where half of the light was stopped.
+    lights: Vec<Vec4>,
+    depths: Vec<f32>,
 }
 
 impl<'a, S: Simd> Tiles<'a, S> {
@@ -38,14 +40,16 @@ impl<'a, S: Simd> Tiles<'a, S> {
         Self {
             marcher,
             space: Space {
+                planes: marcher.planes.as_ref(),
                 sampler: marcher.sampler(),
                 skipping: occupancy.map(|occupancy| Skipping { occupancy, active }),
             },
             question: Question { by_value: marcher.by_value(), keeps_own },
             rays: Vec::new(),
             ways: Ways::default(),
-            batch: Batch::default(),
+            batch: Batch::new(),
             lights: Vec::new(),
+            depths: Vec::new(),
         }
     }
 
@@ -63,33 +67,29 @@ impl<'a, S: Simd> Tiles<'a, S> {
         let height = rows.len() / width;
         let mut counts = SampleCounts::default();
         self.rays.clear();
-        for square in 0..(TILE / SQUARE).pow(2) {
-            let mut pixels = Pixels { places: [[0; LANES]; 2], are_there: 0, opaque: [f32::INFINITY; LANES] };
-            for lane in 0..LANES {
-                let [x, y] = place(square, lane);
-                if first[0] + x < width && y < height {
-                    pixels.places[0][lane] = (first[0] + x) as u32;
-                    pixels.places[1][lane] = (first[1] + y) as u32;
-                    pixels.are_there |= 1 << lane;
-                    pixels.opaque[lane] = opaque.get(y * width + first[0] + x).unwrap_or(&OpaquePixel::NONE).along;
-                }
-            }
+        for square in 0..ACROSS * ACROSS {
+            let pixels = pixels(square, first, [width, height], opaque);
             let rays = Rays::new(simd, &self.marcher.frame, &pixels, &mut counts.all);
             rays.store(simd, &mut self.ways, square * LANES);
             self.rays.push(rays);
         }
         self.lights.clear();
-        self.lights.resize(TILE * TILE, PixelLight::NONE);
+        self.lights.resize(TILE * TILE, PixelLight::NONE.light);
+        self.depths.clear();
+        self.depths.resize(TILE * TILE, PixelLight::NONE.depth);
         counts.taken = self.follow(simd);
-        for (ray, &PixelLight { mut light, mut depth }) in self.lights.iter().enumerate() {
-            let [x, y] = place(ray / LANES, ray % LANES);
-            if first[0] + x < width && y < height {
-                let pixel = y * width + first[0] + x;
-                if let Some(opaque) = opaque.get(pixel).filter(|opaque| opaque.is_some()) {
-                    light += (1.0 - light.w) * opaque.color.extend(1.0);
-                    depth = if depth.is_nan() { opaque.along } else { depth };
+        for (y, row) in rows.chunks_exact_mut(width).enumerate() {
+            for (side, pixels) in row[first[0]..width.min(first[0] + TILE)].chunks_mut(SQUARE).enumerate() {
+                let ray = (y / SQUARE * ACROSS + side) * LANES + y % SQUARE * SQUARE;
+                let gathered = self.lights[ray..].iter().zip(&self.depths[ray..]);
+                for (pixel, (&light, &depth)) in pixels.iter_mut().zip(gathered) {
+                    *pixel = PixelLight { light, depth };
                 }
-                rows[pixel] = PixelLight { light, depth };
+            }
+            if let Some(opaque) = opaque.get(y * width..(y + 1) * width) {
+                for (pixel, opaque) in row.iter_mut().zip(opaque).skip(first[0]).take(TILE) {
+                    pixel.lie_over(opaque);
+                }
             }
         }
         counts
@@ -101,65 +101,88 @@ impl<'a, S: Simd> Tiles<'a, S> {
         let mut taken = 0;
         loop {
             self.batch.clear();
-            for (sixteen, rays) in self.rays.iter_mut().enumerate() {
-                if rays.any_goes_on() {
-                    taken += rays.advance(simd, &self.space, sixteen * LANES, &mut self.batch);
+            let mut any_goes_on = false;
+            for (number, pair) in self.rays.chunks_mut(2).enumerate() {
+                if pair.iter().any(Rays::any_goes_on) {
+                    any_goes_on = true;
+                    taken += Rays::advance(pair, simd, &self.space, 2 * number * LANES, &mut self.batch);
                 }
             }
-            if self.batch.len() == 0 {
+            if !any_goes_on {
                 return taken;
             }
             self.batch.work_out(simd, &self.space.sampler, &self.question, &self.ways);
-            for sample in 0..self.batch.len() {
-                self.add(simd, sample);
-            }
+            self.gather(simd);
         }
     }
 
-    /// Adds a sample to its ray.
+    /// Adds what was worked out to its rays.
     #[inline(always)]
-    fn add(&mut self, simd: S, sample: usize) {
-        let frame = &self.marcher.frame;
-        let ray = self.batch.ray(sample);
-        let PixelLight { light, depth } = &mut self.lights[ray];
-        let mut lit = self.batch.light(sample);
-        // Nothing behind would be seen, though some of it may have been worked out.
-        if lit.w <= 0.0 || light.w > frame.termination_opacity {
-            return;
-        }
-        let [along, step] = self.batch.step(sample);
-        let rays = &mut self.rays[ray / LANES];
-        if self.question.keeps_own {
-            let [origin, direction] =
-                [&self.ways.origins, &self.ways.directions].map(|rows| Vec4::from_array(rows[ray]));
-            let way = Ray { origin: origin.truncate(), direction: direction.truncate() };
-            let lighting = Lighting::new(-way.direction, frame.light, &frame.shading);
-            let RoleSample { mut color, normal, .. } = self.batch.own(sample);
-            if let Some(occlusion) = self.marcher.tables.occlusion() {
-                color *= Darkening::new(occlusion, frame, &way).light_at(along);
+    fn gather(&mut self, simd: S) {
+        let Self { marcher, question, rays, ways, batch, lights, depths, .. } = self;
+        let most = marcher.frame.termination_opacity;
+        for (sample, (ray, along, mut light)) in batch.lights().enumerate() {
+            let gathered = &mut lights[ray];
+            let before = gathered.w;
+            // Nothing behind would be seen, though some of it may have been worked out.
+            if before > most {
+                continue;
             }
-            let mut shaded = lighting.shade(color, normal);
-            let cut = rays.cut(ray % LANES);
-            if cut != Vec3::ZERO {
-                // A face that was cut is lit as such.
-                let face = rays.share_of_face(simd, frame, ray % LANES, along, step);
-                shaded = shaded.lerp(lighting.shade(color, cut), face);
+            let rays = &mut rays[ray / LANES];
+            if question.keeps_own {
+                light = light.w * lit_by_scene(simd, marcher, ways, (ray, along), rays, batch.own(sample)).extend(1.0);
             }
-            lit = shaded.extend(lit.w);
-        }
-        *light += (1.0 - light.w) * lit.w * lit.truncate().extend(1.0);
-        if depth.is_nan() && light.w >= 0.5 {
-            *depth = along;
-        }
-        if light.w > frame.termination_opacity {
-            rays.end(simd, 1 << (ray % LANES));
+            *gathered += (1.0 - before) * light;
+            if before < 0.5 && gathered.w >= 0.5 {
+                depths[ray] = along;
+            }
+            if gathered.w > most {
+                rays.end(simd, 1 << (ray % LANES));
+            }
         }
     }
 }
 
-/// Where in its tile the pixel of a lane lies.
+/// The colour of a sample, with what stands in its light, and where its ray enters through a cut.
+fn lit_by_scene<S: Simd>(
+    simd: S,
+    marcher: &RayMarcher<'_>,
+    ways: &Ways,
+    (ray, along): (usize, f32),
+    rays: &Rays<S>,
+    (step, [mut color, normal]): (f32, [Vec3; 2]),
+) -> Vec3 {
+    let frame = &marcher.frame;
+    let [origin, direction] = [&ways.origins, &ways.directions].map(|rows| Vec4::from_array(rows[ray]).truncate());
+    let lighting = Lighting::new(-direction, frame.light, &frame.shading);
+    if let Some(occlusion) = marcher.tables.occlusion() {
+        color *= Darkening::new(occlusion, frame, &Ray { origin, direction }).light_at(along);
+    }
+    let (lane, shaded) = (ray % LANES, lighting.shade(color, normal));
+    let cut = rays.cut(lane);
+    if cut == Vec3::ZERO {
+        return shaded;
+    }
+    // A face that was cut is lit as such.
+    shaded.lerp(lighting.shade(color, cut), rays.share_of_face(simd, frame, lane, along, step))
+}
+
+/// The pixels of a square of the tile whose left upper pixel is `first` of a picture so wide, of whose rows so many are left.
 #[inline(always)]
-fn place(square: usize, lane: usize) -> [usize; 2] {
-    const ACROSS: usize = TILE / SQUARE;
-    [square % ACROSS * SQUARE + lane % SQUARE, square / ACROSS * SQUARE + lane / SQUARE]
+fn pixels(square: usize, first: [usize; 2], [width, height]: [usize; 2], opaque: &[OpaquePixel]) -> Pixels {
+    let corner = [square % ACROSS * SQUARE, square / ACROSS * SQUARE];
+    let places = [first[0] + corner[0], first[1] + corner[1]].map(|place| place as u32);
+    let mut pixels = Pixels { first: places, are_there: u16::MAX, opaque: [f32::INFINITY; LANES] };
+    let [columns, rows] = [width.saturating_sub(first[0] + corner[0]), height.saturating_sub(corner[1])];
+    if columns < SQUARE || rows < SQUARE || !opaque.is_empty() {
+        for lane in 0..LANES {
+            let [x, y] = [lane % SQUARE, lane / SQUARE];
+            if x >= columns || y >= rows {
+                pixels.are_there &= !(1 << lane);
+            } else if let Some(opaque) = opaque.get((corner[1] + y) * width + first[0] + corner[0] + x) {
+                pixels.opaque[lane] = opaque.along;
+            }
+        }
+    }
+    pixels
 }

@@ -53,6 +53,14 @@ pub(super) fn sample_role(
     naive.role(cell, fraction, direction, half)
 }
 
+/// The voxels around a place in the frame's space, and their weights.
+pub(super) fn weighted_texels(marcher: &RayMarcher<'_>, position: Vec3) -> Vec<(f32, [u16; 4])> {
+    let emphases = marcher.tables.emphases();
+    let naive = Naive { marcher, frame: &marcher.frame, integrals: PreintegrationTable::new(emphases), emphases };
+    let (cell, fraction) = naive.place(position);
+    naive.corners(cell, fraction).map(|(weight, _, texel)| (weight, texel)).collect()
+}
+
 struct Naive<'a> {
     marcher: &'a RayMarcher<'a>,
     frame: &'a Frame,
@@ -109,7 +117,7 @@ impl Naive<'_> {
                 let mean = |channel: usize| self.mean(cell, fraction, |texel| f32::from(texel[channel])) / 65535.0;
                 return RoleSample { opacity: mean(0), color: Vec3::splat(mean(2)), normal: Vec3::ZERO };
             }
-            Some(ByValue::Curve(table)) => table,
+            Some(ByValue::Curve(table, _)) => table,
         };
         let value = |along: f32| {
             let (cell, fraction) = place(along);
