@@ -117,23 +117,28 @@ impl ValueTable {
         if light.w > 0.0 { (light.truncate() / light.w).extend(light.w) } else { Vec4::ZERO }
     }
 
-    /// Whether any value between two stored ones may have an opacity.
+    /// Whether any value between two stored ones has an opacity.
     #[must_use]
     pub fn any(&self, [low, high]: [u16; 2]) -> bool {
-        let [low, high] = [low, high].map(|stored| f32::from(stored) * PER_STORED);
-        low <= high && self.lit.iter().any(|&[first, end]| first <= high && low <= end)
+        let part = |stored: u16| f64::from(stored) * PARTS as f64 / 65535.0;
+        let first = (part(low).floor() as usize).saturating_sub(self.margin());
+        let last = (part(high).ceil() as usize + self.margin()).min(PARTS);
+        low <= high && self.ends[first..=last].iter().any(|end| end.w > 0.0)
     }
 
-    /// Where among the parts something may have an opacity, at most [`MOST_RANGES`] ranges, whose ends do not belong to them.
+    /// Where among the parts something may have an opacity, in at most [`MOST_RANGES`] ranges, whose ends do not belong to them.
     #[must_use]
     pub fn lit(&self) -> &[[f32; 2]] {
         &self.lit
     }
 
+    /// The table of two axes has fronts and backs farther apart than a part's ends, between which it is linear: by so many parts.
+    fn margin(&self) -> usize {
+        if self.front_to_back.is_empty() { 0 } else { PARTS.div_ceil(SIDE - 1) }
+    }
+
     fn find_lit(&mut self) {
-        // The table of two axes has fronts and backs farther apart, between which it is linear.
-        let margin = if self.front_to_back.is_empty() { 0 } else { PARTS.div_ceil(SIDE - 1) };
-        let reach = (1 + margin) as f32;
+        let reach = (1 + self.margin()) as f32;
         for place in (0..=PARTS).filter(|&end| self.ends[end].w > 0.0) {
             let [first, end] = [place as f32 - reach, place as f32 + reach];
             match self.lit.last_mut() {
@@ -317,10 +322,15 @@ mod tests {
         }
         let joined = table(12);
         assert_eq!(joined.lit().len(), MOST_RANGES);
-        let is_lit = |value: u16| joined.any([257 * value, 257 * value]);
+        let is_lit = |value: u16| {
+            let place = f32::from(257 * value) * PER_STORED;
+            joined.lit().iter().any(|&[first, end]| first <= place && place < end)
+        };
         // The first ones, which lie nearest to each other; between the last ones, at 130 and 148, nothing is lit.
         assert!((0..42).all(is_lit) && !is_lit(45) && is_lit(131) && !is_lit(140) && is_lit(149) && !is_lit(250));
         assert!(joined.lit().windows(2).all(|pair| pair[0][1] < pair[1][0]));
+        // What is leapt over is not joined.
+        assert!(!joined.any([257 * 4, 257 * 6]) && joined.any([257 * 9, 257 * 9]));
     }
 
     #[test]

@@ -155,6 +155,12 @@ impl Batch {
         self.len
     }
 
+    /// For how many there is memory.
+    #[cfg(test)]
+    pub(super) fn room(&self) -> usize {
+        self.columns.room
+    }
+
     /// Of every sample, once they are worked out, its ray, where along that it lies, and colour as it is lit, times the opacity of
     /// its step, and that.
     #[inline(always)]
@@ -242,7 +248,7 @@ impl Batch {
                 planes.ask_for_normals(&sampler.firsts(&places));
             }
             let steps = self.columns.numbers(simd, STEP, first);
-            // None of them lies before what is still to be read.
+            // Nothing that is still to be read is written over.
             self.columns.write_whole(RAY, kept, rays, lit);
             for axis in 0..3 {
                 self.columns.write_whole(CELL + axis, kept, places.cells[axis], lit);
@@ -309,8 +315,8 @@ impl Batch {
         lit.to_bitmask().count_ones() as usize
     }
 
-    /// Where those from `first` lie. What is left of the last sixteen are zeros or samples of earlier batches: places in the
-    /// volume all the same.
+    /// Where those from `first` lie. What is left of the last sixteen are zeros or other samples, of before: places in the volume
+    /// all the same.
     #[inline(always)]
     fn places<S: Simd>(&self, simd: S, first: usize) -> Places<S> {
         let columns = &self.columns;

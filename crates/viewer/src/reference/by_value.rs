@@ -89,12 +89,6 @@ pub(super) fn stored<S: Simd>(simd: S, sampler: &Sampler<'_>, places: &Places<S>
     Found { opacity: corners.value(simd) / 65535.0, color: [intensity / 65535.0; 3], ..Found::nothing(simd) }
 }
 
-/// The parts that places among them lie in.
-#[inline(always)]
-fn part<S: Simd>(simd: S, place: f32x16<S>) -> u32x16<S> {
-    place.to_int::<i32x16<S>>().min(i32x16::splat(simd, PARTS as i32)).bitcast()
-}
-
 /// As [`ValueTable::look_up`].
 #[inline(always)]
 fn look_up<S: Simd>(simd: S, table: &ValueTable, front: f32x16<S>, back: f32x16<S>) -> [f32x16<S>; 4] {
@@ -156,12 +150,57 @@ fn ordered<S: Simd>(simd: S, table: &[[f32; 4]], front: f32x16<S>, back: f32x16<
 /// What lies between the ends of parts.
 #[inline(always)]
 fn between<S: Simd>(simd: S, ends: &[[f32; 4]], place: f32x16<S>) -> [f32x16<S>; 4] {
-    let first = part(simd, place);
-    let along = place - first.to_float::<f32x16<S>>();
+    let lower = place.to_int::<i32x16<S>>().min(i32x16::splat(simd, PARTS as i32));
+    let along = place - lower.to_float::<f32x16<S>>();
+    let first = lower.bitcast::<u32x16<S>>();
     let (low, high) = (columns(simd, ends, first), columns(simd, ends, first + 1));
     let mut light = low;
     for channel in 0..4 {
         light[channel] += along * (high[channel] - low[channel]);
     }
     light
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+    use voxrole_preprocess::simd;
+
+    use super::super::lanes::LANES;
+    use super::*;
+
+    #[test]
+    fn whatever_has_an_opacity_can_show() {
+        let many: Vec<String> =
+            (0..20).map(|peak| format!("{0}.1,FF0000,0;{0}.2,00FF00,0.9;{0}.3,0000FF,0", peak)).collect();
+        let curves = [
+            "0,FF0000,0.2;3,FF0000,0",
+            "8,FF0000,0;8.02,00FF00,1;8.04,0000FF,0",
+            "19,FF0000,0;20,FF0000,0.5",
+            &many.join(";"),
+        ];
+        for curve in curves.map(|curve| curve.parse().expect("a curve")) {
+            for step in [None, Some(1.0)] {
+                let table = ValueTable::new(&curve, [0.0, 20.0], step);
+                let mut dark = 0;
+                for front in (0..=65_535).step_by(51) {
+                    let near = |lane: usize| f32::from(u16::try_from(front).unwrap_or(0)) + 37.3 * (lane as f32 - 7.5);
+                    // Some of them far away.
+                    let back = |lane: usize| if lane % 5 == 0 { 65_535.0 - near(lane) } else { near(lane) };
+                    let backs: [f32; LANES] = std::array::from_fn(|lane| back(lane).clamp(0.0, 65_535.0));
+                    let (lit, can_show): ([f32; LANES], u64) = dispatch!(simd::level(), simd => {
+                        let ends = [splat(simd, front as f32), f32x16::from_slice(simd, &backs)];
+                        let [_, _, _, opacity] = look_up(simd, &table, ends[0], ends[1]);
+                        (opacity.into(), can_show(simd, &table, ends).to_bitmask())
+                    });
+                    for lane in 0..LANES {
+                        let can_show = can_show >> lane & 1 == 1;
+                        assert!(can_show || lit[lane] == 0.0, "{front} to {}: {}", backs[lane], lit[lane]);
+                        dark += u32::from(!can_show);
+                    }
+                }
+                assert!(dark > 1000, "{dark}");
+            }
+        }
+    }
 }

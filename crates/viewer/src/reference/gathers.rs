@@ -114,7 +114,7 @@ pub(super) fn ask_for<T>(numbers: &[T], firsts: &Firsts) {
     for lane in 0..LANES {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let first = numbers.as_ptr().wrapping_add(firsts.lanes[lane]);
-        // SAFETY: all processors of this architecture have the instruction, and it reads nothing, wherever it points to.
+        // SAFETY: all processors of this architecture have the instruction, and it reads nothing, wherever the pointer points to.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(first.cast()) };
     }
     #[cfg(not(target_arch = "x86_64"))]

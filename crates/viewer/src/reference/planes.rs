@@ -1,5 +1,5 @@
-//! What is drawn by value, value and normal, in arrays of their own: a sample touches fewer lines of the caches, and most need no
-//! normal.
+//! What is drawn by value, values and normals, in arrays of their own: a sample touches fewer lines of the caches, and many need
+//! no normal.
 
 // No iterators and closures in vector code: what std calls might be compiled without the level's instructions.
 #![allow(clippy::needless_range_loop, reason = "see above")]
@@ -16,8 +16,8 @@ use super::sampling::Sampler;
 use crate::Result;
 use crate::volume::VolumeTexels;
 
-/// Texels that are taken apart at a time.
-const CHUNK: usize = 1 << 16;
+/// Texels, at least, that a thread takes.
+const PARALLEL: usize = 1 << 16;
 
 /// One number for every voxel, x fastest, and one more, so that every voxel has one behind it.
 pub(super) struct Planes {
@@ -33,19 +33,15 @@ impl Planes {
     /// # Errors
     /// [`crate::Error::Pack`] when memory does not suffice.
     pub(super) fn new(volume: &VolumeTexels) -> Result<Self> {
-        let texels = &volume.texels;
-        let room = texels.len() + 1;
+        let texels = volume.texels.par_iter().with_min_len(PARALLEL);
+        let room = volume.texels.len() + 1;
         let mut values = vec_with_capacity(room, "the volume's values")?;
         let mut normals = vec_with_capacity(room, "the volume's normals")?;
-        values.resize(room, 0);
-        normals.resize(room, NO_NORMAL);
-        let planes = values.par_chunks_mut(CHUNK).zip(normals.par_chunks_mut(CHUNK));
-        texels.par_chunks(CHUNK).zip(planes).for_each(|(texels, (values, normals))| {
-            for ((texel, value), normal) in texels.iter().zip(values).zip(normals) {
-                *value = texel[0];
-                *normal = if VolumeTexels::has_hit(*texel) { texel[3] } else { NO_NORMAL };
-            }
-        });
+        texels.clone().map(|texel| texel[0]).collect_into_vec(&mut values);
+        let normal = |texel: &[u16; 4]| if VolumeTexels::has_hit(*texel) { texel[3] } else { NO_NORMAL };
+        texels.map(normal).collect_into_vec(&mut normals);
+        values.push(0);
+        normals.push(NO_NORMAL);
         Ok(Self { values, normals })
     }
 
@@ -128,7 +124,7 @@ mod tests {
             let volume = naive::tests::volume(dims, seed);
             let planes = Planes::new(&volume).expect("memory");
             let marcher = RayMarcher::new(&volume, &ViewState::default(), [1, 1]).expect("a picture");
-            let sampler = marcher.sampler();
+            let (sampler, naive) = (marcher.sampler(), naive::Naive::new(&marcher));
             let positions = [0, 1, 2].map(|axis| {
                 shares.map(|share| share[axis] * (dims[axis] - 1) as f32 * marcher.frame().spacing[axis])
             });
@@ -143,7 +139,7 @@ mod tests {
             for lane in 0..LANES {
                 let place = Vec3::from_array(positions.map(|axis| axis[lane]));
                 let (mut value, mut normal) = (0.0, Vec3::ZERO);
-                for (weight, texel) in naive::weighted_texels(&marcher, place) {
+                for (weight, texel) in naive.weighted_texels(place) {
                     value += weight * f32::from(texel[0]);
                     if VolumeTexels::has_hit(texel) {
                         normal += weight * decode_normal(texel[3]).unwrap_or(Vec3::ZERO);

@@ -20,9 +20,11 @@ use crate::classify::macrocells::MACROCELL;
 use crate::frame::Frame;
 use crate::slicing::share_of_face;
 
-/// Rays rest after so many places or cells, whatever is there: where they go on does not depend on how many samples wait.
+/// Rays rest after so many visits, whatever they find: the next one does not wait to know what the last one finds.
 const MOST_VISITED: usize = 8;
-/// And once more samples wait than one for each of these: short steps cut a cell into many pieces.
+/// Pieces of a cell, at most, that a visit takes: short steps cut it into many.
+const MOST_PIECES: usize = 8;
+/// Two sixteens rest once more samples of theirs wait than one for each of the visits.
 const MOST_WAITING: usize = 2 * LANES * MOST_VISITED;
 
 /// How far off rounding can put a sample, as a share of the lengths that it is worked out from: a few units in the last place.
@@ -84,6 +86,8 @@ pub(super) struct Rays<S: Simd> {
     steps: Steps<S>,
     /// From cell to cell those that they are in, by the indices of the lowest voxel.
     cell: Directions<S>,
+    /// Which of its pieces comes next.
+    piece: f32x16<S>,
 }
 
 impl<S: Simd> Rays<S> {
@@ -112,6 +116,7 @@ impl<S: Simd> Rays<S> {
             progress: zero,
             steps: Steps::none(simd),
             cell: [zero; 3],
+            piece: zero,
         };
         rays.enter(simd, frame);
         let opaque = f32x16::from_slice(simd, &pixels.opaque);
@@ -217,7 +222,7 @@ impl<S: Simd> Rays<S> {
         if are_sampled.any_true() {
             let places = sampler.places(&cell, fractions);
             batch.push(simd, are_sampled, first_ray, &places, [along, step, half_step]);
-            space.ask_for(&places);
+            space.ask_for(simd, are_sampled, &places);
         }
         // Not a running sum of places, whose rounding errors would add up.
         let mut next = self.progress + 1.0;
@@ -243,18 +248,27 @@ impl<S: Simd> Rays<S> {
         let Seen { are_sampled, leap, distance } = space.look(simd, &cell, self.go_on);
         let exits = self.exits(simd, frame, &cell);
         let end = exits[0].min(exits[1]).min(exits[2]).min(self.exit);
+        let zero = splat(simd, 0.0);
+        // Those go on behind the cell of which nothing is left in it.
+        let mut go_on = mask32x16::splat(simd, true);
+        let mut piece = self.piece;
+        let are_new = are_sampled & piece.simd_eq(0.0);
         if are_sampled.any_true() {
             let pieces = ((end - along) / (2.0 * frame.half_step)).ceil();
             let step = (end - along) / pieces;
-            let (mut piece, mut are_left) = (splat(simd, 0.0), are_sampled & pieces.simd_gt(0.0));
-            while are_left.any_true() {
+            let mut are_left = are_sampled & piece.simd_lt(pieces);
+            for _ in 0..MOST_PIECES {
+                if !are_left.any_true() {
+                    break;
+                }
                 let middle = along + (piece + 0.5) * step;
                 let places = sampler.places(&cell, self.fractions(simd, sampler, &cell, middle));
                 batch.push(simd, are_left, first_ray, &places, [middle, step, step * 0.5]);
-                space.ask_for(&places);
-                piece += 1.0;
+                space.ask_for(simd, are_left, &places);
+                piece = are_left.select(piece + 1.0, piece);
                 are_left &= piece.simd_lt(pieces);
             }
+            go_on = !are_left;
         }
         let (mut next_along, mut next_cell) = (end, self.next_cell(simd, &cell, &exits));
         if leap.any_true() {
@@ -264,9 +278,12 @@ impl<S: Simd> Rays<S> {
                 next_cell[axis] = leap.select(cell_beyond[axis], next_cell[axis]);
             }
         }
-        self.progress = next_along;
-        self.cell = next_cell;
-        u64::from(are_sampled.to_bitmask().count_ones())
+        self.piece = go_on.select(zero, piece);
+        self.progress = go_on.select(next_along, along);
+        for axis in 0..3 {
+            self.cell[axis] = go_on.select(next_cell[axis], cell[axis]);
+        }
+        u64::from(are_new.to_bitmask().count_ones())
     }
 
     /// Finds what of the rays is drawn: as [`Frame::interval`].
@@ -450,10 +467,15 @@ struct Seen<S: Simd> {
 }
 
 impl Space<'_> {
-    /// Asks for the memory that samples will be worked out from.
+    /// Asks for the memory that samples at some of the places will be worked out from.
     #[inline(always)]
-    fn ask_for<S: Simd>(&self, places: &Places<S>) {
-        let firsts = self.sampler.firsts(places);
+    fn ask_for<S: Simd>(&self, simd: S, are_sampled: mask32x16<S>, places: &Places<S>) {
+        let mut places = *places;
+        for axis in 0..3 {
+            // Rays that have ended may be anywhere.
+            places.cells[axis] = are_sampled.select(places.cells[axis], u32x16::splat(simd, 0));
+        }
+        let firsts = self.sampler.firsts(&places);
         match self.planes {
             Some(planes) => planes.ask_for_values(&firsts),
             None => gathers::ask_for(self.sampler.texels(), &firsts),

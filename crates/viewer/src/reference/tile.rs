@@ -1,4 +1,4 @@
-//! Rays beside each other: each goes on until a few of its samples wait, then all that wait are worked out side by side.
+//! Rays beside each other: each goes on by a few places, then all samples that wait are worked out side by side.
 
 use fearless_simd::Simd;
 use glam::{Vec3, Vec4};
@@ -130,7 +130,7 @@ impl<'a, S: Simd> Tiles<'a, S> {
             }
             let rays = &mut rays[ray / LANES];
             if question.keeps_own {
-                light = light.w * lit_by_scene(simd, marcher, ways, (ray, along), rays, batch.own(sample)).extend(1.0);
+                light = light.w * shaded(simd, marcher, ways, (ray, along), rays, batch.own(sample)).extend(1.0);
             }
             *gathered += (1.0 - before) * light;
             if before < 0.5 && gathered.w >= 0.5 {
@@ -143,8 +143,8 @@ impl<'a, S: Simd> Tiles<'a, S> {
     }
 }
 
-/// The colour of a sample, with what stands in its light, and where its ray enters through a cut.
-fn lit_by_scene<S: Simd>(
+/// The colour of a sample, with what stands in its light, and lit as a cut's face where its ray enters through one.
+fn shaded<S: Simd>(
     simd: S,
     marcher: &RayMarcher<'_>,
     ways: &Ways,
@@ -158,13 +158,13 @@ fn lit_by_scene<S: Simd>(
     if let Some(occlusion) = marcher.tables.occlusion() {
         color *= Darkening::new(occlusion, frame, &Ray { origin, direction }).light_at(along);
     }
-    let (lane, shaded) = (ray % LANES, lighting.shade(color, normal));
+    let (lane, lit) = (ray % LANES, lighting.shade(color, normal));
     let cut = rays.cut(lane);
     if cut == Vec3::ZERO {
-        return shaded;
+        return lit;
     }
     // A face that was cut is lit as such.
-    shaded.lerp(lighting.shade(color, cut), rays.share_of_face(simd, frame, lane, along, step))
+    lit.lerp(lighting.shade(color, cut), rays.share_of_face(simd, frame, lane, along, step))
 }
 
 /// The pixels of a square of the tile whose left upper pixel is `first` of a picture so wide, of whose rows so many are left.
@@ -185,4 +185,35 @@ fn pixels(square: usize, first: [usize; 2], [width, height]: [usize; 2], opaque:
         }
     }
     pixels
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+    use voxrole_preprocess::simd;
+
+    use super::super::naive::tests::volume;
+    use super::*;
+    use crate::ViewState;
+    use crate::state::Projection;
+
+    #[test]
+    fn few_samples_wait_however_short_the_steps() {
+        // One cell, which is cut into 2048 pieces.
+        let mut volume = volume([2; 3], 3);
+        volume.description.spacing = [1.0, 1.0, 32.0];
+        let mut state = ViewState::default();
+        state.transfer_function.regions = vec!["0:1,0:1,FF8000,0.01".parse().expect("a region")];
+        state.transfer_function.emphasis = "linear,1,100".parse().expect("an emphasis");
+        (state.camera.elevation, state.camera.zoom, state.camera.projection) = (90.0, 60.0, Projection::Orthographic);
+        state.render_settings.step = 1.0 / 64.0;
+        let marcher = RayMarcher::new(&volume, &state, [TILE as u32; 2]).expect("a picture");
+        let (taken, room) = dispatch!(simd::level(), simd => {
+            let mut tiles = Tiles::new(&marcher);
+            let counts = tiles.draw(simd, [0, 0], &mut [PixelLight::NONE; TILE * TILE], &[]);
+            (counts.taken, tiles.batch.room())
+        });
+        assert_eq!(taken, (TILE * TILE) as u64);
+        assert!(room <= 4 * 4096, "{room}");
+    }
 }

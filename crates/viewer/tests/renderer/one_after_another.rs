@@ -10,7 +10,7 @@ use voxrole_viewer::{ViewState, Watch};
 use crate::phantom::Phantom;
 
 /// What is changed from one picture to the next, and stays.
-const CHANGES: [fn(&mut ViewState); 14] = [
+const CHANGES: [fn(&mut ViewState); 16] = [
     |state| state.camera.orbit(30.0, 10.0),
     |state| state.transfer_function.regions[0].color = [0.1, 0.9, 0.4],
     |state| state.transfer_function.regions[0].opacity *= 0.5,
@@ -25,6 +25,8 @@ const CHANGES: [fn(&mut ViewState); 14] = [
     |state| state.transfer_function.classification = Classification::Roles,
     |state| state.camera.projection = Projection::Orthographic,
     |state| state.scene.isosurfaces = vec!["100,FF0000".parse().expect("an isosurface")],
+    |state| state.transfer_function.classification = Classification::Value,
+    |state| state.render_settings.integration = Integration::PostClassified,
 ];
 
 #[test]

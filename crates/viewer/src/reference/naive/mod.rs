@@ -23,12 +23,7 @@ use samples::{Sample, Samples};
 
 /// The light of every pixel, and how many samples there are along all rays.
 pub(super) fn light(marcher: &RayMarcher<'_>) -> (LightPicture, u64) {
-    let naive = Naive {
-        marcher,
-        frame: &marcher.frame,
-        integrals: PreintegrationTable::new(marcher.tables.emphases()),
-        emphases: marcher.tables.emphases(),
-    };
+    let naive = Naive::new(marcher);
     let [width, height] = naive.frame.image_size;
     let opaque = marcher.opaque();
     let mut all = 0;
@@ -48,27 +43,28 @@ pub(super) fn sample_role(
     direction: Vec3,
     half: f32,
 ) -> RoleSample {
-    let emphases = marcher.tables.emphases();
-    let naive = Naive { marcher, frame: &marcher.frame, integrals: PreintegrationTable::new(emphases), emphases };
-    naive.role(cell, fraction, direction, half)
+    Naive::new(marcher).role(cell, fraction, direction, half)
 }
 
-/// The voxels around a place in the frame's space, and their weights.
-pub(super) fn weighted_texels(marcher: &RayMarcher<'_>, position: Vec3) -> Vec<(f32, [u16; 4])> {
-    let emphases = marcher.tables.emphases();
-    let naive = Naive { marcher, frame: &marcher.frame, integrals: PreintegrationTable::new(emphases), emphases };
-    let (cell, fraction) = naive.place(position);
-    naive.corners(cell, fraction).map(|(weight, _, texel)| (weight, texel)).collect()
-}
-
-struct Naive<'a> {
+pub(super) struct Naive<'a> {
     marcher: &'a RayMarcher<'a>,
     frame: &'a Frame,
     emphases: &'a EmphasisTable,
     integrals: PreintegrationTable,
 }
 
-impl Naive<'_> {
+impl<'a> Naive<'a> {
+    pub(super) fn new(marcher: &'a RayMarcher<'a>) -> Self {
+        let emphases = marcher.tables.emphases();
+        Self { marcher, frame: &marcher.frame, emphases, integrals: PreintegrationTable::new(emphases) }
+    }
+
+    /// The voxels around a place in the frame's space, and their weights.
+    pub(super) fn weighted_texels(&self, position: Vec3) -> impl Iterator<Item = (f32, [u16; 4])> {
+        let (cell, fraction) = self.place(position);
+        self.corners(cell, fraction).map(|(weight, _, texel)| (weight, texel))
+    }
+
     fn follow(&self, x: u32, y: u32, opaque: &OpaquePixel, all: &mut u64) -> PixelLight {
         let frame = self.frame;
         let ray = frame.ray(x, y);
@@ -293,6 +289,10 @@ pub(super) mod tests {
             (azimuth, elevation, zoom) in (0_u32..24, 0_u32..13, 0.7_f32..3.0),
             (is_parallel, jitter, cuts, has_box, darkens) in any::<(bool, bool, bool, bool, bool)>(),
             (step, opacity) in (prop::sample::select(vec![0.06_f32, 0.3, 1.0, 2.7]), 0.1_f32..1.0),
+            curve in prop::sample::select(vec![
+                "0.1,FF0000,0;0.5,00FF00,0.6;0.9,0000FF,0.1",
+                "0.3,FF0000,0;0.32,00FF00,0.4;0.34,00FF00,0;0.6,FF0000,0;0.61,0000FF,0.9;0.63,0000FF,0",
+            ]),
         ) {
             let volume = volume(dims, seed);
             // Multiples of 15 degrees: along axes and diagonals too.
@@ -306,7 +306,7 @@ pub(super) mod tests {
                 region(format!("0:0.8,0.1:0.7,FF8000,{opacity},0.5")),
                 Region { emphasis: own, ..region("0.3:1,0.2:1,0080FF,0.4,0.5".to_owned()) },
             ];
-            state.transfer_function.curve = "0.1,FF0000,0;0.5,00FF00,0.6;0.9,0000FF,0.1".parse().expect("a curve");
+            state.transfer_function.curve = curve.parse().expect("a curve");
             state.transfer_function.classification = classification;
             let settings = &mut state.render_settings;
             (settings.technique, settings.integration, settings.step, settings.jitter) = (technique, integration, step, jitter);
@@ -317,7 +317,8 @@ pub(super) mod tests {
             }
             let marcher = RayMarcher::new(&volume, &state, [19, 21]).expect("a picture");
             let ((found, counts), (expected, all)) = (marcher.light(), light(&marcher));
-            prop_assert_eq!(counts.all, all);
+            // Rounding decides whether a ray in the plane of a volume that is one voxel thick meets it.
+            prop_assert!(counts.all.abs_diff(all) <= u64::from(dims.contains(&1)), "{} are not {all}", counts.all);
             // On every processor.
             let (plain, _) = marcher.light_at_level(Level::baseline(), &Watch::default());
             let bits = |picture: &LightPicture| -> Vec<_> {
