@@ -186,7 +186,7 @@ mod tests {
                 for front in (0..=65_535).step_by(51) {
                     let near = |lane: usize| f32::from(u16::try_from(front).unwrap_or(0)) + 37.3 * (lane as f32 - 7.5);
                     // Some of them far away.
-                    let back = |lane: usize| if lane % 5 == 0 { 65_535.0 - near(lane) } else { near(lane) };
+                    let back = |lane: usize| if lane.is_multiple_of(5) { 65_535.0 - near(lane) } else { near(lane) };
                     let backs: [f32; LANES] = std::array::from_fn(|lane| back(lane).clamp(0.0, 65_535.0));
                     let (lit, can_show): ([f32; LANES], u64) = dispatch!(simd::level(), simd => {
                         let ends = [splat(simd, front as f32), f32x16::from_slice(simd, &backs)];

@@ -10,7 +10,7 @@ use super::active_cells::ActiveCells;
 use super::batch::{Batch, Ways};
 use super::corners::Places;
 use super::gathers;
-use super::lanes::{Directions, LANES, dot, splat, splat_vector, store_columns, unit_or_zero};
+use super::lanes::{Directions, LANES, dot, splat, splat_vector, store_columns};
 use super::planes::Planes;
 use super::sampling::{Sampler, whole};
 use super::steps::{Samples, Steps};
@@ -532,7 +532,9 @@ fn pixel_rays<S: Simd>(simd: S, frame: &Frame, pixels: &Pixels) -> [Directions<S
         origin[axis] = rays.origin[axis] + right * rays.origin_right[axis] + up * rays.origin_up[axis];
         direction[axis] = rays.direction[axis] + right * rays.direction_right[axis] + up * rays.direction_up[axis];
     }
-    [origin, unit_or_zero(simd, &direction, 0.0)]
+    // Not times the inverse: to the same bits, or rays through an edge of cells count one more or less.
+    let length = dot(&direction, &direction).sqrt();
+    [origin, [direction[0] / length, direction[1] / length, direction[2] / length]]
 }
 
 /// As [`Frame::first_sample`].
