@@ -234,6 +234,7 @@ impl Batch {
         let mut kept = 0;
         for first in (0..self.len).step_by(LANES) {
             let places = self.places(simd, first);
+            let firsts = sampler.firsts(&places);
             let rays = self.columns.whole(simd, RAY, first);
             let alongs = self.columns.numbers(simd, ALONG, first);
             let ends = if sampler.frame.half_step > 0.0 {
@@ -241,11 +242,11 @@ impl Batch {
                 let half_steps = self.columns.numbers(simd, HALF_STEP, first);
                 by_value::ends(simd, planes, sampler, &Stretches { origins, directions, alongs, half_steps })
             } else {
-                [planes.value(simd, sampler, &places); 2]
+                [planes.value(simd, sampler, &firsts, places.fractions); 2]
             };
             let lit = self.are_there(simd, first) & by_value::can_show(simd, table, ends);
             if lit.any_true() {
-                planes.ask_for_normals(&sampler.firsts(&places));
+                planes.ask_for_normals(&firsts);
             }
             let steps = self.columns.numbers(simd, STEP, first);
             // Nothing that is still to be read is written over.

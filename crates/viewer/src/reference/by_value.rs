@@ -48,7 +48,8 @@ pub(super) fn ends<S: Simd>(
             positions[axis] += alongs[end] * stretches.directions[axis];
         }
         let [cells, fractions] = sampler.cells(simd, &positions);
-        ends[end] = planes.value(simd, sampler, &sampler.places(&cells, fractions));
+        let firsts = sampler.firsts(&sampler.places(&cells, fractions));
+        ends[end] = planes.value(simd, sampler, &firsts, fractions);
     }
     ends
 }
@@ -183,13 +184,13 @@ mod tests {
             for step in [None, Some(1.0)] {
                 let table = ValueTable::new(&curve, [0.0, 20.0], step);
                 let mut dark = 0;
-                for front in (0..=65_535).step_by(51) {
-                    let near = |lane: usize| f32::from(u16::try_from(front).unwrap_or(0)) + 37.3 * (lane as f32 - 7.5);
+                for front in (0..=u16::MAX).step_by(51).map(f32::from) {
+                    let near = |lane: usize| front + 37.3 * (lane as f32 - 7.5);
                     // Some of them far away.
                     let back = |lane: usize| if lane.is_multiple_of(5) { 65_535.0 - near(lane) } else { near(lane) };
                     let backs: [f32; LANES] = std::array::from_fn(|lane| back(lane).clamp(0.0, 65_535.0));
                     let (lit, can_show): ([f32; LANES], u64) = dispatch!(simd::level(), simd => {
-                        let ends = [splat(simd, front as f32), f32x16::from_slice(simd, &backs)];
+                        let ends = [splat(simd, front), f32x16::from_slice(simd, &backs)];
                         let [_, _, _, opacity] = look_up(simd, &table, ends[0], ends[1]);
                         (opacity.into(), can_show(simd, &table, ends).to_bitmask())
                     });

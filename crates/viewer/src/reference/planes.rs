@@ -57,14 +57,18 @@ impl Planes {
         ask_for(&self.normals, firsts);
     }
 
-    /// Interpolated values, 0 to 65535.
+    /// Interpolated values, 0 to 65535, in cells whose lowest voxels lie at `firsts`.
     #[inline(always)]
-    pub(super) fn value<S: Simd>(&self, simd: S, sampler: &Sampler<'_>, places: &Places<S>) -> f32x16<S> {
-        let firsts = sampler.firsts(places);
-        let [x, y, z] = places.fractions;
+    pub(super) fn value<S: Simd>(
+        &self,
+        simd: S,
+        sampler: &Sampler<'_>,
+        firsts: &Firsts,
+        [x, y, z]: Directions<S>,
+    ) -> f32x16<S> {
         let mut rows = [x; 4];
         for row in 0..4 {
-            let [low, high] = pair(simd, &self.values, &firsts, sampler.offsets[row]);
+            let [low, high] = pair(simd, &self.values, firsts, sampler.offsets[row]);
             let low = low.bitcast::<i32x16<S>>().to_float::<f32x16<S>>();
             rows[row] = low + x * (high.bitcast::<i32x16<S>>().to_float::<f32x16<S>>() - low);
         }
@@ -134,7 +138,8 @@ mod tests {
                 let [cells, fractions] = sampler.cells(simd, &positions);
                 let places = sampler.places(&cells, fractions);
                 let [u, v, w] = planes.normal(simd, &sampler, &places);
-                [planes.value(simd, &sampler, &places), u, v, w].map(Into::into)
+                let value = planes.value(simd, &sampler, &sampler.firsts(&places), fractions);
+                [value, u, v, w].map(Into::into)
             });
             for lane in 0..LANES {
                 let place = Vec3::from_array(positions.map(|axis| axis[lane]));
